@@ -39,6 +39,7 @@ pub mod run;
 pub mod shipped;
 pub mod train;
 pub mod tune;
+pub mod verdict;
 
 pub use error::{Compared, MishandleError, RunError};
 pub use plan::Plan;

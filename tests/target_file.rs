@@ -275,8 +275,7 @@ fn an_axis_of_a_symmetric_robot_has_an_effect() {
     edit(&target, "axes = {", "constants = { unused = \"0 * push\" }\naxes = {");
     edit(&target, "pivot = \"push\"", "pivot = \"0.1\"");
     let found = run(&plan(&target), &home.path().join("idle.sqlite"));
-    let warning =
-        "axis `push` changes no trace: all signals are equal at its lowest, nominal and highest value";
+    let warning = "axis `push` changes no trace at the probed points: all signals are equal at its lowest, nominal and highest value";
     assert!(
         found.header().preflight.iter().any(|found| found.starts_with(warning)),
         "{:?}",

@@ -13,6 +13,7 @@ use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
 use mishandle_cli::words::shell_command;
 use mishandle_report::{Measurement, Painter, RunReport, page};
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
@@ -59,12 +60,19 @@ impl Painter for PythonPainter<'_> {
     }
 
     fn take(&mut self) -> Result<Vec<Vec<u8>>, String> {
-        let taken = Python::attach(|py| {
+        let taken: PyResult<_> = Python::attach(|py| {
             let pictures = self.painter.call_method0(py, "take")?;
             let pictures: Vec<PyBackedBytes> = pictures.extract(py)?;
             Ok(pictures.iter().map(|pixels| pixels.to_vec()).collect())
         });
-        taken.map_err(|exception| keep(&self.target.pending, exception).to_string())
+        taken.map_err(|exception| {
+            let is_mistake = Python::attach(|py| {
+                let is_ours = exception.is_instance_of::<MishandleError>(py);
+                is_ours || !exception.is_instance_of::<PyException>(py)
+            });
+            // A renderer that fails, without a display for instance, costs the pictures alone.
+            if is_mistake { keep(&self.target.pending, exception).to_string() } else { exception.to_string() }
+        })
     }
 }
 

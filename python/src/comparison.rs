@@ -10,6 +10,7 @@ use mishandle::plan::SizePlan;
 use mishandle::random::Seed;
 use mishandle::store::RunFile;
 use mishandle_cli::words::shell_command;
+use mishandle_report::FlippedPairs;
 use pyo3::prelude::*;
 
 use crate::call::Call;
@@ -20,13 +21,14 @@ use crate::{InvalidValueError, raised};
 /// Robustness in both runs, and whether both succeed.
 type Pair = (Option<f64>, Option<f64>, bool, bool);
 
-/// Compares two evaluations of the same scenarios and seeds.
+/// Compares two evaluations of the same scenarios and seeds. Returns the document and its text.
 #[pyfunction]
-pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
+pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<(String, String)> {
     let found = py.detach(|| {
         mishandle::inspect::compare(&RunFile::open(first)?, &RunFile::open(second)?, shell_command)
     });
-    json(&found.map_err(raised)?)
+    let found = found.map_err(raised)?;
+    Ok((json(&found)?, mishandle_cli::verdict_text(&mishandle::verdict::comparison(&found))))
 }
 
 /// Returns the pairs of a comparison.
@@ -57,7 +59,8 @@ pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyRes
     let page = || {
         let runs = (RunFile::open(first)?, RunFile::open(second)?);
         let found = mishandle::inspect::compare(&runs.0, &runs.1, shell_command)?;
-        mishandle_report::comparison_page(&found, [&runs.0, &runs.1])
+        let flipped = FlippedPairs::simulate(&found, [&runs.0, &runs.1], || false);
+        mishandle_report::comparison_page(&found, [&runs.0, &runs.1], &flipped)
     };
     py.detach(page).map_err(|error: MishandleError| raised(error))
 }
@@ -77,8 +80,8 @@ pub fn evaluate_pairs(
     first.check_process()?;
     let done = py.detach(|| {
         let path = |index: usize| out.as_ref().map(|paths| paths[index].clone());
-        let (a, first_run) = open_run(first, path(0), resume)?;
-        let (b, second_run) = open_run(second, path(1), resume)?;
+        let (a, first_run, _) = open_run(first, path(0), resume)?;
+        let (b, second_run, _) = open_run(second, path(1), resume)?;
         let paths = [&first_run, &second_run].map(|run| run.file().path().to_path_buf());
         let answers = mishandle::run::evaluate_pairs([&a, &b], [first_run, second_run], |done, total| {
             report(first, progress.as_ref(), done, total)

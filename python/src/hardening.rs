@@ -27,7 +27,7 @@ pub fn harden(
     out: PathBuf,
     resume: bool,
     progress: Option<Py<PyAny>>,
-) -> PyResult<String> {
+) -> PyResult<(String, String)> {
     let Call { plan, .. } = Call::read(call)?;
     let device = gpu::device();
     let mut exception = None;
@@ -47,7 +47,9 @@ pub fn harden(
     });
     match (found, exception) {
         (_, Some(exception)) => Err(exception),
-        (Ok(Some(found)), None) => json(&found),
+        (Ok(Some(found)), None) => {
+            Ok((json(&found)?, mishandle_cli::verdict_text(&mishandle::verdict::hardening(&found))))
+        }
         (Ok(None), None) => Err(InvalidStateError::new_err("the hardening was interrupted")),
         (Err(error), None) => Err(raised(error)),
     }

@@ -51,11 +51,11 @@ pub fn log_keys(call: &str) -> PyResult<(Option<String>, Vec<String>)> {
     Ok((settings.log.time, keys.collect()))
 }
 
-/// Returns the places of the columns with whole seconds and with the nanoseconds after them that a
-/// name of times means; `None` if it means one column.
+/// Returns the places of the columns with whole seconds and with the rest that a name of times
+/// means, and the nanoseconds of the unit of the rest; `None` if it means one column.
 #[pyfunction]
-pub fn time_columns(names: Vec<String>, name: &str) -> Option<(usize, usize)> {
-    mishandle_logs::seconds_and_nanoseconds(&names, name)
+pub fn time_columns(names: Vec<String>, name: &str) -> Option<(usize, usize, i64)> {
+    mishandle_logs::seconds_and_rest(&names, name)
 }
 
 /// Returns the row with which each run of a clock starts but the first one, of times in

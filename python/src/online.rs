@@ -1,7 +1,8 @@
 //! Monitors that get one sample after the other.
 
 use mishandle::stl::{Formula, OnlineMonitor};
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArray};
+use pyo3::PyTypeInfo;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyString, PyTuple};
 
@@ -56,7 +57,10 @@ impl PyOnlineMonitor {
             self.sample[0] = value.value();
         } else if let Ok(values) = sample.cast::<PyDict>() {
             self.read_dictionary(values)?;
-        } else if let Ok(values) = sample.extract::<PyReadonlyArray1<'_, f64>>() {
+        } else if sample.get_type().is(PyUntypedArray::type_object(sample.py()))
+            && let Ok(values) = sample.extract::<PyReadonlyArray1<'_, f64>>()
+        {
+            // An array of another class can have more than data, such as a mask.
             let values = values.as_array();
             self.check_length(values.len())?;
             self.sample.iter_mut().zip(values).for_each(|(target, value)| *target = *value);

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use mishandle::ResolvedPlan;
 use mishandle::results::{Answer, WithoutVerdict};
-use mishandle::run::{Engine, inconclusive_text, without_verdict_text};
-use mishandle::store::RunWriter;
+use mishandle::run::{Engine, Probes, inconclusive_text, without_verdict_text};
+use mishandle::store::{RunFile, RunWriter};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::call::Call;
-use crate::target::{PyTarget, axes_from, axes_text, space};
+use crate::target::{PyTarget, axes_from, axes_text, keep, space};
 use crate::work::{in_run, json, report};
 use crate::{gpu, raised};
 
@@ -48,25 +48,37 @@ pub fn check_question(call: &str, axes: &str) -> PyResult<String> {
     axes_text(space.axes())
 }
 
-/// The document of an answer, the exception that ended the question early, and warnings.
-type Answered = (String, Option<PyErr>, Vec<String>);
+/// The document of an answer and its lines, the exception that ended the question early, and
+/// warnings.
+type Answered = (String, String, Option<PyErr>, Vec<String>);
 
 /// Asks the question of a target.
 #[pyfunction]
-#[pyo3(signature = (target, *, out, resume, progress))]
+#[pyo3(signature = (target, *, out, resume, progress, announce, earlier_probes))]
 pub fn ask(
     py: Python<'_>,
     target: &PyTarget,
     out: Option<PathBuf>,
     resume: bool,
     progress: Option<Py<PyAny>>,
+    announce: Option<Py<PyAny>>,
+    earlier_probes: u64,
 ) -> PyResult<Answered> {
     let plan = &target.plan;
     let is_auto = target.settings.engine.screening.is_some();
     let device = (plan.screening.is_some() || is_auto).then(gpu::device);
-    let work = |resolved: &ResolvedPlan, run: RunWriter| {
+    let work = |resolved: &ResolvedPlan, run: RunWriter, probes: Probes| {
+        if let Some(announce) = &announce {
+            let cost = mishandle::run::cost(resolved)?;
+            let time = mishandle_cli::time_text(&cost, &probes, earlier_probes).into_iter();
+            let parts: Vec<String> = [mishandle_cli::cost_text(&cost)].into_iter().chain(time).collect();
+            let text = parts.join("; ");
+            Python::attach(|py| announce.call1(py, (text,)).map(drop))
+                .map_err(|exception| keep(&target.pending, exception))?;
+        }
         let is_new = run.file().counts()?.simulations == 0;
-        let mut warnings = if is_new { run.file().header().preflight.clone() } else { Vec::new() };
+        let path = run.file().path().to_path_buf();
+        let mut warnings = Vec::new();
         if plan.risk.is_some() {
             warnings.extend(mishandle::run::risk_scenarios(resolved)?.warnings());
         }
@@ -74,6 +86,9 @@ pub fn ask(
         let mut answer = mishandle::run::ask(resolved, run, engine, &mut |done| {
             report(target, progress.as_ref(), done.simulations, done.max_simulations)
         })?;
+        if is_new {
+            warnings.extend(mishandle::run::warnings(&RunFile::open_unchecked(&path)?)?);
+        }
         // The progress is that of the question; its repeats can be interrupted, too.
         let watch = |_, _, _| -> ControlFlow<()> { report(target, None, 0, 0) };
         mishandle::inspect::further(resolved, &mut answer, &target.settings.report, watch)?;
@@ -82,7 +97,11 @@ pub fn ask(
     let ((answer, mut warnings), exception) = in_run(py, target, out, resume, work)?;
     warnings.extend(untested(&answer));
     warnings.extend(answer.asks_nothing().iter().map(|found| format!("not violated: asks nothing: {found}")));
-    Ok((json(&answer)?, exception, warnings))
+    let text = match mishandle::verdict::verdict(&answer) {
+        Some(verdict) => mishandle_cli::verdict_text(&verdict),
+        None => mishandle_cli::answer_text(&answer),
+    };
+    Ok((json(&answer)?, text, exception, warnings))
 }
 
 /// Returns the warning of an answer that concludes nothing: an evaluation without any verdict, or

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::sync::PoisonError;
 
 use mishandle::plan::EngineChoice;
+use mishandle::run::Probes;
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Compared, MishandleError as Error, Plan, ResolvedPlan, RunError};
 use pyo3::prelude::*;
@@ -21,21 +22,22 @@ pub(crate) fn in_run<T: Send>(
     target: &PyTarget,
     path: Option<PathBuf>,
     is_resumed: bool,
-    work: impl FnOnce(&ResolvedPlan, RunWriter) -> Result<T, Error> + Send,
+    work: impl FnOnce(&ResolvedPlan, RunWriter, Probes) -> Result<T, Error> + Send,
 ) -> PyResult<(T, Option<PyErr>)> {
     detached_until(py, target, || {
-        let (resolved, run) = open_run(target, path, is_resumed)?;
-        work(&resolved, run)
+        let (resolved, run, probes) = open_run(target, path, is_resumed)?;
+        work(&resolved, run, probes)
     })
 }
 
-/// Creates or opens a run of a target and resolves its plan. The caller has released the
+/// Creates or opens a run of a target and resolves its plan. Returns also what the probes of a new
+/// run cost. The caller has released the
 /// interpreter lock.
 pub(crate) fn open_run(
     target: &PyTarget,
     path: Option<PathBuf>,
     is_resumed: bool,
-) -> Result<(ResolvedPlan, RunWriter), Error> {
+) -> Result<(ResolvedPlan, RunWriter, Probes), Error> {
     let PyTarget { settings, .. } = target;
     let mut found = target.target.clone();
     let is_auto = settings.engine.screening == Some(EngineChoice::Auto);
@@ -48,7 +50,7 @@ pub(crate) fn open_run(
         _ if is_auto => &faster(target)?,
         _ => &target.plan,
     };
-    let mut run = match &path {
+    let (mut run, probes) = match &path {
         Some(path) if is_resumed => {
             let mut run = RunWriter::resume(path)?;
             // The probe of a target that is not deterministic can find no difference by chance.
@@ -58,14 +60,17 @@ pub(crate) fn open_run(
                 mishandle::run::admit_build(&mut run, &resolved)?;
             }
             guard(target, run.file(), &resolved)?;
-            run
+            (run, Probes::default())
         }
-        _ => mishandle::run::create_run(&ResolvedPlan::with_target(plan, found.clone())?, path.as_deref())?,
+        _ => {
+            let resolved = ResolvedPlan::with_target(plan, found.clone())?;
+            mishandle::run::create_probed_run(&resolved, path.as_deref())?
+        }
     };
     if settings.engine.durable {
         run.set_durable()?;
     }
-    Ok((ResolvedPlan::with_target(plan, found)?, run))
+    Ok((ResolvedPlan::with_target(plan, found)?, run, probes))
 }
 
 /// Returns the plan of a target with the engine that is faster, and says which.

@@ -41,6 +41,25 @@ class PreflightTest(unittest.TestCase):
         self.assertIn("axis `typo` changes no trace", found)
         self.assertNotIn("axis `a`", found)
 
+    def test_the_claim_about_an_axis_is_taken_back_if_it_has_an_effect(self) -> None:
+        def system(scenario: dict[str, float]) -> dict[str, list[float]]:
+            return {"y": [-1.0 if 0.2 < scenario["a"] < 0.7 else 1.0] * 2}
+
+        axes = [Axis("a", 0, 1, nominal=0), Axis("typo", 0, 1, nominal=0)]
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            out = f"{folder}/run.sqlite"
+            answer = mishandle.falsify(
+                system, "always(y >= 0)", axes, search="random", trials=1, budget=40, out=out
+            )
+            answer.report(f"{folder}/page.html")
+            page = pathlib.Path(f"{folder}/page.html").read_text()
+        self.assertEqual(answer.falsified_trials, 1)
+        said = "\n".join(str(warning.message) for warning in found)
+        for text in [said, "\n".join(answer.warnings), html.unescape(page)]:
+            self.assertIn("changes no trace at the probed points", text)
+            self.assertNotIn("axis `a` changes", text)
+
     def test_the_time_of_a_push_is_probed_with_its_force(self) -> None:
         def pushed(scenario: dict[str, float]) -> dict[str, list[float]]:
             sample = round(scenario["time"])

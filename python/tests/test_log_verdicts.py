@@ -13,6 +13,7 @@ import pandas
 import polars
 import pyarrow
 import pyarrow.parquet
+from mcap.writer import Writer as McapWriter
 from mishandle import results
 from mishandle.errors import InvalidValueError
 from test_logs import START, Files
@@ -72,6 +73,35 @@ class Runs(Logs):
                     mishandle.robustness("always(d <= 2)", log, plan=plan)
         found = command("--formula", "always(d <= 2)", str(self.files(columns)[0]))
         self.assertEqual([verdict.robustness for verdict in found.verdicts], [-7.0, 1.0])
+
+    def test_a_clock_that_starts_again_in_the_middle_is_two_logs_in_all_formats(self):
+        # The first row of the second run violates d <= 2. With one row of each time, it is gone.
+        times = [*range(11), *range(5, 13)]
+        columns = {"time": [float(time) for time in times], "d": [1.0] * 11 + [9.0] + [1.0] * 7}
+        recording = self.mcap(columns)
+        for choices in [{}, {"sort": True, "duplicates": "last"}]:
+            for log in [*self.files(columns), columns, pandas.DataFrame(columns), recording]:
+                formula = "always(d <= 2)"
+                if log is recording:
+                    formula, choices = "always(`/state/d` <= 2)", {**choices, "time": "header"}
+                found = mishandle.monitor(formula, log, plan={"log": choices})
+                values = [verdict.robustness for verdict in found.verdicts]
+                self.assertEqual(values, [-7.0, 1.0], repr(log))
+                self.assertIn("run 2 of 2", found.verdicts[0].log)
+
+    def mcap(self, columns):
+        """Messages with these times in seconds in their headers."""
+        path = self.folder / "log.mcap"
+        with open(path, "wb") as stream:
+            writer = McapWriter(stream)
+            writer.start()
+            channel = writer.register_channel("/state", "json", 0)
+            for index, (time, d) in enumerate(zip(columns["time"], columns["d"])):
+                message = {"header": {"stamp": {"sec": int(time), "nanosec": 0}}, "d": d}
+                stamp = START + index * 10**9
+                writer.add_message(channel, stamp, json.dumps(message).encode(), stamp)
+            writer.finish()
+        return path
 
     def test_seconds_and_nanoseconds_are_one_time_in_all_formats(self):
         columns = {
@@ -302,6 +332,27 @@ class Choices(Logs):
             ValueError, f'pass {stated("period", "SECONDS")}, or {advice}'
         ):
             mishandle.robustness("always[0:2s](x <= 2)", path)
+
+    def test_the_advice_has_the_unit_of_the_name(self):
+        path = self.csv("t.csv", {"TimeMS": [0.0, 100.0], "x": [1.0, 1.0]})
+        with self.assertRaises(ValueError) as caught:
+            mishandle.robustness("always[0:0.1s](x <= 2)", path)
+        text = str(caught.exception)
+        self.assertIn("if the column `TimeMS` has the times in milliseconds", text)
+        self.assertIn('plan={"log": {"time": "TimeMS", "time_unit": "ms"}}', text)
+        plan = {"log": {"time": "TimeMS", "time_unit": "ms"}}
+        self.assertEqual(mishandle.robustness("always[0:0.1s](x <= 2)", path, plan=plan), 1.0)
+
+    def test_a_named_index_is_a_column(self):
+        frame = pandas.DataFrame({"x": [0.0, 3.0]}, pandas.Index([0.0, 0.1], name="time"))
+        formula = "always[0:0.1s](x <= 2)"
+        self.assertEqual(mishandle.robustness(formula, frame), -1.0)
+        self.assertEqual(mishandle.robustness("always[0:0.1s](`a/x` <= 2)", {"a": frame}), -1.0)
+        stamps = frame.set_axis(pandas.Index([0, 100], name="stamp"))
+        plan = {"log": {"time": "stamp", "time_unit": "ms"}}
+        self.assertEqual(mishandle.robustness(formula, stamps, plan=plan), -1.0)
+        with self.assertRaisesRegex(ValueError, "no column `time`"):
+            mishandle.robustness(formula, frame.reset_index(drop=True))
 
     def test_the_choices_decide(self):
         log = {"time": [0.0, 0.3, 0.1, 0.1, 0.2], "x": [0.0, 1.0, 5.0, 2.0, np.nan]}

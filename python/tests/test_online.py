@@ -151,6 +151,8 @@ class Errors(unittest.TestCase):
             ({"x": 0.0, "y": 0.0}.values(), TypeError, "got a dict_values"),
             ("ab", TypeError, "got a str"),
             (np.zeros((1, 2)), TypeError, "push_many takes several samples"),
+            (pandas.DataFrame({"x": [0.0], "y": [0.0]}), TypeError, "push_many takes them"),
+            (np.ma.masked_equal([0.0, -9.0], -9.0), ValueError, "masked"),
         ]
         rows = trace(4)
         text = "always[0:3](x <= 1 and eventually[0:2](y >= 0))"
@@ -184,6 +186,16 @@ class Errors(unittest.TestCase):
         for samples in [{0.0, 1.0}, (x for x in [0.0]), 3.0, None]:
             with self.assertRaisesRegex(TypeError, "samples must be an array"):
                 OnlineMonitor("x <= 1").push_many(samples)
+
+    def test_masked_values_are_refused_and_data_without_a_mask_are_read(self):
+        masked = np.ma.masked_equal([0.0, -9.0], -9.0)
+        monitor = OnlineMonitor("always(x <= 1)")
+        for samples in [masked, [masked[1]], {"x": masked}]:
+            with self.assertRaises(ValueError, msg=repr(samples)):
+                monitor.push_many(samples)
+        monitor.push_many(np.ma.array([0.0, 0.5]))
+        monitor.push(np.ma.array([0.75]))
+        self.assertEqual(monitor.bounds(), (-INFINITY, 0.25))
 
     def test_rows_of_another_length_are_errors(self):
         monitor = OnlineMonitor("x <= 1 and y >= 0")

@@ -76,13 +76,22 @@ class Pictures(FolderCase):
 
     def check(self, page: str, found: mishandle.ask.Falsification) -> None:
         """Checks that each picture shows the place at its time."""
-        speed = found.counterexamples[0].scenario["speed"]
-        frame = r'<figure class="frame[^>]*><img src="data:image/png;base64,([^"]*)"'
-        frames = re.findall(frame + r".*?<figcaption>([0-9.]+) s", page)
+        cause = found.trials[0].cause
+        assert cause is not None
+        speed = cause.scenario["speed"]
+        picture = r'<img src="data:image/png;base64,([^"]*)"[^>]*>'
+        frame = rf'<figure class="frame[^>]*>{picture}<figcaption>'
+        frames = re.findall(frame + r"([0-9.]+) s", page)
         self.assertGreaterEqual(len(frames), 3)
+        # The page begins with the failure beside the nominal simulation, where nothing moves.
+        [failing, nominal] = re.findall(frame + r"<b>([^<]*)</b>, ([0-9.]+) s", page)[:2]
+        self.assertTrue(failing[1].endswith(": fails") and nominal[1] == "nominal: passes")
+        self.assertEqual(pixels(base64.b64decode(nominal[0])), ((WIDTH, HEIGHT), [0, 0, 0]))
+        size, _ = pixels(base64.b64decode(failing[0]))
+        self.assertEqual(size, (WIDTH, HEIGHT))
         for data, time in frames:
             size, color = pixels(base64.b64decode(data))
-            self.assertEqual(size, (WIDTH, HEIGHT))
+            self.assertEqual(size, (WIDTH // 2, HEIGHT // 2))
             self.assertEqual(len(set(color)), 1)
             self.assertAlmostEqual(color[0], 10 * speed * round(10 * float(time)), delta=1.01)
         self.assertIn("The system drew these pictures while the simulation was repeated", page)
@@ -119,7 +128,7 @@ class Pictures(FolderCase):
             (lambda samples: [good], "there are 1 frames of .* samples"),
             (
                 lambda samples: [good[..., 0] for _ in samples],
-                r"shape \(240, 320\) and the type uint8; expected \(height, width, 3\)"
+                r"shape \(480, 640\) and the type uint8; expected \(height, width, 3\)"
             ),
             (lambda samples: [good / 255 for _ in samples], "the type float64; expected .* uint8"),
             (lambda samples: [None for _ in samples], "there is no frame"),
@@ -153,6 +162,15 @@ class Pictures(FolderCase):
         page = (self.folder / "page.html").read_text()
         self.assertNotIn("data:image/png", page)
         self.assertIn("There are no pictures of the failures", page)
+
+    def test_a_renderer_that_fails_costs_the_pictures_alone(self) -> None:
+        def broken(*_: Any) -> Any:
+            raise RuntimeError("no display")
+
+        page, _ = self.page(run, frame=broken)
+        self.assertNotIn("data:image/png", page)
+        self.assertIn("There are no pictures of the failures: ", page)
+        self.assertIn("no display", page)
 
     def test_a_large_frame_is_averaged(self) -> None:
         frame = np.zeros((2 * HEIGHT, 2 * WIDTH, 3), np.uint8)

@@ -170,7 +170,7 @@ import math
 FACTOR = 1.0
 
 def diverging(scenario):
-    return {"gap": [10.0, 3.0 if scenario["speed"] < 5 else math.nan]}
+    return {"gap": [10.0, 3.0 + scenario["speed"] if scenario["speed"] < 5 else math.nan]}
 
 @mishandle.requirement("always(gap >= 2)", space=SPACE, budget=20OPTIONS)
 def test_diverging():

@@ -12,9 +12,9 @@ use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::run::asks_nothing;
 use crate::run::open_text;
 use crate::run::rows::{REQUIREMENT, episode_end};
+use crate::run::{asks_nothing, unchanged, varies};
 
 /// Two one-sided 95 % bounds.
 const CONFIDENCE: f64 = 0.9;
@@ -56,7 +56,7 @@ impl Row {
         counts.violated += found.violated;
         counts.without_verdict += ends.simulations - found.simulations;
         counts.invalid_starts += ends.invalid_starts;
-        self.varies |= run.header().axes.iter().any(|axis| axis.low < axis.high);
+        self.varies |= varies(run);
         let place = found.minimum_robustness.zip(found.trial.zip(found.simulation));
         if let Some((robustness, (trial, number))) = place
             && self.minimum.is_none_or(|least| robustness.0.total_cmp(&least.0).is_lt())
@@ -171,18 +171,13 @@ impl Row {
             sentence += &format!("; left out: {left_out}, from which the target cannot start");
         }
         let reason = asks_nothing(&self.formula, self.vacuous, self.simulations());
-        if let (CheckVerdict::NotViolated, Some(reason)) = (verdict, reason.or_else(|| self.unchanged())) {
+        if let (CheckVerdict::NotViolated, Some(reason)) = (
+            verdict,
+            reason.or_else(|| unchanged(self.simulations(), self.minimum, self.maximum, self.varies)),
+        ) {
             return (CheckVerdict::AsksNothing, format!("{sentence}; asks nothing: {reason}"));
         }
         (verdict, sentence)
-    }
-
-    /// Returns why the simulations say nothing about the controller, if nothing changes the
-    /// robustness.
-    fn unchanged(&self) -> Option<String> {
-        let robustness = number_text(self.minimum.filter(|_| self.is_constant())?.0);
-        let all = plural(self.simulations(), "simulation");
-        Some(format!("nothing that was varied changes the robustness, {robustness} in all {all}"))
     }
 
     fn why_unclear(&self) -> String {

@@ -1,6 +1,6 @@
 //! A folder of counterexamples as a suite of tests.
 
-use mishandle_stl::is_violated;
+use mishandle_stl::{Formula, is_violated};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -142,6 +142,7 @@ impl Suite<'_> {
             values: predicate.map(|predicate| predicate.values.map(Into::into)),
             same_target: found.as_ref().ok().and_then(|found| Some(!found.has_other_target?)),
             repeats: repeats(&found),
+            asks_nothing: found.as_ref().ok().and_then(asks_nothing),
             reason: (![RegressionResult::Passes, RegressionResult::Fixed].contains(&outcome)).then(reason),
             baseline: baseline
                 .as_ref()
@@ -212,6 +213,12 @@ impl Suite<'_> {
             Some(repeats) => repeats.failure_rate.value.map(|rate| rate > self.max_failure_rate),
         }
     }
+}
+
+/// Returns why the simulation with the recorded seed asks nothing.
+fn asks_nothing(found: &Regression) -> Option<String> {
+    let vacuity = found.episode.verdict.vacuity?;
+    Some(vacuity.reason(&Formula::parse(&found.header.formula).ok()?))
 }
 
 /// Returns whether a simulation could not run.

@@ -10,7 +10,8 @@ use mishandle_evaluation::{
 };
 use mishandle_results as results;
 use mishandle_results::{
-    Command, ComparedRun, Comparison, PairedMeans, PairedRates, Remedy, Sequential, WithoutVerdict, Words,
+    Answer, Command, ComparedRun, Comparison, PairedMeans, PairedRates, Remedy, Sequential, WithoutVerdict,
+    Words,
 };
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
@@ -23,7 +24,10 @@ use crate::plan::{ComparePlan, Plan};
 use crate::replay::replay_command;
 use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
-use crate::run::{PairRule, recorded_axes, recorded_scenario, rows, unfinished};
+use crate::run::{
+    PairRule, asks_nothing_in, needs_target, recorded_answer, recorded_axes, recorded_scenario, rows,
+    unfinished,
+};
 
 /// Level below which a p-value counts as a difference.
 const SIGNIFICANT: f64 = 0.05;
@@ -296,6 +300,7 @@ pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Compar
             robustness.p_value = found.p_value.unwrap_or(1.0);
         }
     }
+    let asks_nothing = asks_nothing(first, second)?;
     let [first_ends, second_ends] = counted.without_verdict;
     let Changes { listed, new_violations } = changes;
     let [(new_failures, more_new_failures), (fixed_failures, more_fixed_failures)] = listed;
@@ -310,6 +315,7 @@ pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Compar
         pairs: counted.pairs,
         left_out: all - counted.pairs,
         verdict: verdict(&success, sequential.as_ref(), at_any_time),
+        asks_nothing,
         success,
         strict_success: has("strict").then(|| counted.strict.rates(at_any_time)),
         careful_success: has("careful").then(|| counted.careful.rates(at_any_time)),
@@ -324,6 +330,15 @@ pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Compar
         more_fixed_failures,
         space_axes: recorded_axes(&a.axes),
     })
+}
+
+/// Returns why no simulation of both runs asks anything, if their formula is that of success.
+fn asks_nothing(first: &RunFile, second: &RunFile) -> Result<Option<String>, MishandleError> {
+    let RunHeader { formulas, formula, .. } = first.header();
+    if formulas.iter().any(|found| found.name == "success" && found.text != *formula) {
+        return Ok(None);
+    }
+    Ok(asks_nothing_in(first)?.and(asks_nothing_in(second)?))
 }
 
 /// Returns whether the results of a run decided how many simulations it has, apart from a
@@ -531,6 +546,19 @@ fn compared_run(run: &RunFile, ends: EndCounts) -> Result<ComparedRun, Mishandle
         target_hash: header.target.hash.clone(),
         not_covered: not_covered.map(|component| component.name.clone()).collect(),
         commit: header.build.git_commit.clone(),
+        nominal: nominal(run),
         without_verdict: WithoutVerdict::new(ends, max_share),
     })
+}
+
+/// Returns the success rate of the control arm of an evaluation; `None` without one.
+fn nominal(run: &RunFile) -> Option<results::Estimate> {
+    let plan = Plan::from_toml(&run.header().plan).ok()?;
+    if needs_target(run.header()) || !plan.evaluate?.control {
+        return None;
+    }
+    match recorded_answer(run, None) {
+        Ok(Answer::Evaluation(found)) => found.control.map(|control| control.success_rate),
+        _ => None,
+    }
 }

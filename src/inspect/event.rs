@@ -2,17 +2,18 @@
 
 use mishandle_stl::{Trace, is_violated};
 
-use crate::inspect::{Explanation, PredicateHistory};
+use crate::inspect::Explanation;
+use crate::run::violation::failure_instant;
 use mishandle_text::instant;
 
 /// An instant of a simulation that pictures center on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
-    /// The sample of the event.
+    /// The sample of the event. Of a failure: [`Explanation::instant`].
     pub sample: usize,
-    /// The first sample of the window that violates the predicate, if the event is a violation that
-    /// starts earlier.
-    pub start: Option<usize>,
+    /// Of a failure: the sample that sets the robustness, if it is another one. A violation that
+    /// grows has its largest value later, and a closest approach is earlier.
+    pub decisive: Option<usize>,
     /// Kind of the event.
     pub kind: EventKind,
 }
@@ -20,8 +21,10 @@ pub struct Event {
 /// Kind of an [`Event`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
-    /// The decisive predicate is violated most.
+    /// The decisive predicate is violated.
     Violation,
+    /// The formula asks for one instant that satisfies it, and none was in time.
+    TooLate,
     /// The decisive predicate is closest to being satisfied, or satisfied most clearly, of all
     /// samples that count.
     ClosestApproach,
@@ -38,6 +41,7 @@ impl EventKind {
     pub fn name(self) -> &'static str {
         match self {
             EventKind::Violation => "violation",
+            EventKind::TooLate => "too late",
             EventKind::ClosestApproach => "closest approach",
             EventKind::SmallestMargin => "smallest margin",
             EventKind::Contact => "contact",
@@ -47,7 +51,8 @@ impl EventKind {
 
     fn reason(self) -> &'static str {
         match self {
-            EventKind::Violation => "the formula is violated, and this sample sets its robustness",
+            EventKind::Violation => "from this sample on, nothing can satisfy the formula",
+            EventKind::TooLate => "the formula asks for one instant that satisfies it, and here none is left",
             EventKind::ClosestApproach => {
                 "the formula asks for one instant that satisfies it, and this one comes closest"
             }
@@ -61,9 +66,23 @@ impl EventKind {
 impl Event {
     /// Returns the samples that pictures mark, with their texts, in order of time.
     pub fn marks(&self) -> Vec<(usize, &'static str)> {
-        let start = self.start.map(|start| (start, "first violation"));
-        let name = if start.is_some() { "largest violation" } else { self.kind.name() };
-        start.into_iter().chain([(self.sample, name)]).collect()
+        let Some(decisive) = self.decisive else { return vec![(self.sample, self.kind.name())] };
+        let names = match self.kind {
+            EventKind::Violation => ["first violation", "largest violation"],
+            _ => [self.kind.name(), EventKind::ClosestApproach.name()],
+        };
+        let mut marks = vec![(self.sample, names[0]), (decisive, names[1])];
+        marks.sort_unstable();
+        marks
+    }
+
+    /// Returns the earlier and the later of the two samples of the event; `None` for the earlier
+    /// one if there is one only.
+    pub fn ends(&self) -> (Option<usize>, usize) {
+        match self.decisive {
+            None => (None, self.sample),
+            Some(decisive) => (Some(decisive.min(self.sample)), decisive.max(self.sample)),
+        }
     }
 
     /// Says on what the pictures center and why. `control_dt` is the time between two samples, in
@@ -100,24 +119,32 @@ pub fn release(trace: &Trace) -> Option<Event> {
         values.iter().position(is_released)
     };
     let sample = trace.names().iter().enumerate().filter_map(first).min()?;
-    Some(Event { sample, start: None, kind: EventKind::Release })
+    Some(Event { sample, decisive: None, kind: EventKind::Release })
 }
 
 impl Explanation {
-    /// Returns the decisive sample and what happens there; `None` if nothing decides.
+    /// Returns the instant of a failure: the first sample after which nothing can satisfy the
+    /// formula, or the decisive one if the trace does not decide the formula. It is the one instant
+    /// of texts, pictures, films and plots. Of a satisfied formula it is the decisive sample.
+    /// `None` if nothing decides.
+    pub fn instant(&self) -> Option<usize> {
+        let decided = self.decided.filter(|_| is_violated(self.diagnosis.robustness()));
+        failure_instant(decided, &self.diagnosis)
+    }
+
+    /// Returns the instant and what happens there; `None` if nothing decides.
     pub fn event(&self) -> Option<Event> {
         let path = &self.diagnosis.path;
-        let sample = path.last()?.sample;
+        let sample = self.instant()?;
+        let fails = is_violated(self.diagnosis.robustness());
         let chooses = |operator: &str| matches!(operator, "eventually" | "once" | "until" | "since");
-        let kind = if path.iter().filter_map(|found| found.operator).any(chooses) {
-            EventKind::ClosestApproach
-        } else if is_violated(self.diagnosis.robustness()) {
-            EventKind::Violation
-        } else {
-            EventKind::SmallestMargin
+        let kind = match path.iter().filter_map(|found| found.operator).any(chooses) {
+            true if fails && self.decided.is_some() => EventKind::TooLate,
+            true => EventKind::ClosestApproach,
+            false if fails => EventKind::Violation,
+            false => EventKind::SmallestMargin,
         };
-        let history = self.history.as_ref().filter(|_| kind == EventKind::Violation);
-        let start = history.and_then(PredicateHistory::first_and_last).map(|(first, _)| first);
-        Some(Event { sample, start: start.filter(|start| *start < sample), kind })
+        let decisive = path.last().map(|last| last.sample).filter(|decisive| *decisive != sample);
+        Some(Event { sample, decisive, kind })
     }
 }

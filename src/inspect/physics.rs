@@ -59,7 +59,7 @@ pub(super) fn check_physics(
     points.into_iter().zip(results).for_each(|((_, place), check)| *place = Some(check));
     for ((index, isolation), failures) in causes.into_iter().zip(failures) {
         let Some(survivor) = checks.nearest_survivor(&failures, &mut watch)? else { return Ok(()) };
-        found.trials[index].cause = Some(isolation.checked(survivor));
+        found.trials[index].cause = Some(isolation.checked(run, survivor)?);
     }
     Ok(())
 }

@@ -26,8 +26,8 @@ pub struct Film {
 impl Film {
     /// Plans a film of an episode with samples 0 to `last`, `control_dt` seconds apart.
     ///
-    /// The film shows the samples up to `around` seconds before and after the event. By default, it
-    /// shows an episode of up to 10 s as a whole, and 5 s on each side of the event otherwise.
+    /// The film shows the samples up to `around` seconds before and after the event.
+    /// By default, it shows an episode of up to 10 s as a whole, and 5 s on each side otherwise.
     /// Without an event, the last sample takes its place. The film holds each mark of the event for
     /// 1 s. `speed` is the speed of the film relative to the simulation.
     ///
@@ -35,7 +35,7 @@ impl Film {
     /// ```
     /// use mishandle::inspect::{Event, EventKind};
     /// use mishandle::picture::Film;
-    /// let event = Event { sample: 63, start: None, kind: EventKind::Violation };
+    /// let event = Event { sample: 63, decisive: None, kind: EventKind::Violation };
     /// let film = Film::new(1.0 / 60.0, 300, Some(&event), Some(0.1), 1.0);
     /// assert_eq!(film.window, (57, 69));
     /// // Every second sample at 30 frames per second, and the event for 30 frames.
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn a_short_episode_is_shown_as_a_whole_with_both_marks_held() {
-        let event = Event { sample: 201, start: Some(100), kind: EventKind::Violation };
+        let event = Event { sample: 100, decisive: Some(201), kind: EventKind::Violation };
         let film = Film::new(DT, 300, Some(&event), None, 1.0);
         assert_eq!((film.window, film.rate.round()), ((0, 300), 30.0));
         let count = |sample: usize| film.samples.iter().filter(|shown| **shown == sample).count();
@@ -86,10 +86,10 @@ mod tests {
 
     #[test]
     fn a_long_episode_is_cut_around_its_event() {
-        let event = Event { sample: 1000, start: Some(10), kind: EventKind::Violation };
+        let event = Event { sample: 1000, decisive: Some(10), kind: EventKind::Violation };
         let film = Film::new(0.05, 2000, Some(&event), None, 1.0);
         assert_eq!(film.window, (900, 1100));
-        assert!(!film.samples.contains(&10));
+        assert!(film.samples.contains(&1000) && !film.samples.contains(&10));
         assert_eq!(Film::new(0.05, 2000, None, None, 1.0).window, (1900, 2000));
     }
 

@@ -21,4 +21,6 @@ pub use full_trace::full_trace;
 pub use policy_view::{Occlusion, PatchChanges, PolicyView, policy_views};
 pub use recorded_scene::{RecordedScene, SceneEpisode, recorded_scene};
 pub(crate) use recording::{Recording, RecordingEnvironment, SharedRecordings};
-pub use trajectory::{StateTrajectory, initial_state, replay_states, simulate_states, strip_samples};
+pub use trajectory::{
+    StateTrajectory, initial_state, replay_states, replay_states_with, simulate_states, strip_samples,
+};

@@ -44,8 +44,8 @@ pub(crate) struct RayRenderer {
 }
 
 impl RayRenderer {
-    /// Makes a renderer of a scene with other lights and, if missing, a ground plane. Textures and
-    /// height fields are not drawn.
+    /// Makes a renderer of a scene with other lights and, if missing, a ground plane. Textures
+    /// are not drawn.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or the scene or the picture is too

@@ -62,7 +62,7 @@ impl StateTrajectory {
         let initial: Vec<usize> = initial.iter().flat_map(|state| touching(state)).collect();
         let found = later.iter().zip(settled..).find_map(|(state, sample)| {
             let column = touching(state).into_iter().find(|column| !initial.contains(column))?;
-            Some((Event { sample, start: None, kind: EventKind::Contact }, columns[column].0.clone()))
+            Some((Event { sample, decisive: None, kind: EventKind::Contact }, columns[column].0.clone()))
         });
         Ok(found)
     }
@@ -148,11 +148,23 @@ pub fn replay_states(
     number: u32,
     controller: Option<&str>,
 ) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
-    let resolved = recorded_plan(run.header(), controller)?;
-    let mut recorded = Recorded::new(&resolved)?;
+    replay_states_with(run, trial, number, &recorded_plan(run.header(), controller)?)
+}
+
+/// Replays a simulation as [`replay_states`] does, with a plan that the caller has resolved.
+///
+/// # Errors
+/// The errors of [`replay_states`].
+pub fn replay_states_with(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    resolved: &ResolvedPlan,
+) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
+    let mut recorded = Recorded::new(resolved)?;
     let space = recorded.system.space().clone();
-    let replayed = replay_in(run, trial, number, &resolved, &mut *recorded.system, &space)?;
-    let trajectory = recorded.trajectory(&resolved, &replayed.episode.request);
+    let replayed = replay_in(run, trial, number, resolved, &mut *recorded.system, &space)?;
+    let trajectory = recorded.trajectory(resolved, &replayed.episode.request);
     Ok((replayed, trajectory))
 }
 

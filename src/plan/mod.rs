@@ -234,7 +234,7 @@ plan_table! {
         /// Name of the search.
         pub search: String = "portfolio".to_string(), "a string, such as \"nelder-mead\"";
         /// Number of trials.
-        pub trials: u32 = 30, "an integer from 1 to 1000000";
+        pub trials: u32 = 3, "an integer from 1 to 1000000";
         /// Largest number of simulations per trial.
         pub budget: u32 = 300, keys::BUDGET;
         /// Batch size: number of simulations run at once.

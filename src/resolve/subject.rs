@@ -1,12 +1,13 @@
 //! The subject of a plan as a result: target, controller, noise and scenario space.
 
-use mishandle_results::{AxisFacts, AxisValues, Named, NeededAxis, Scenario, Seed, Subject};
+use mishandle_results::{AxisFacts, AxisValues, Named, NeededAxis, Offered, Scenario, Seed, Subject};
 use mishandle_rollout as rollout;
 use mishandle_simulators::SIMULATOR;
+use mishandle_stl::Formula;
 use mishandle_text::number_text;
 
-use crate::resolve::ResolvedPlan;
 use crate::resolve::guard::guard_facts;
+use crate::resolve::{ResolvedPlan, depends_on_seed_at_nominal, has_scene, shipped_file};
 
 impl ResolvedPlan {
     /// Returns what the question of the plan is about.
@@ -35,6 +36,20 @@ impl ResolvedPlan {
             set_axes: set.map(|axis| axis.name.clone()).collect(),
             control_dt: target.control_dt,
             episode_steps: target.episode_steps as u64,
+            offered: Some(self.offered()),
+        }
+    }
+
+    /// Returns what the target has besides the question.
+    fn offered(&self) -> Offered {
+        let ResolvedPlan { plan, target, .. } = self;
+        let text = |text: &str| Formula::parse(text).map_or(text.to_string(), |formula| formula.to_string());
+        Offered {
+            spaces: target.spaces.iter().map(|space| space.name().to_string()).collect(),
+            formulas: target.formulas.iter().map(|f| (f.name.clone(), text(&f.text))).collect(),
+            is_random: depends_on_seed_at_nominal(self),
+            random_axes: target.random_axes.clone(),
+            can_harden: has_scene(&target.identity.kind) && shipped_file(plan).is_ok(),
         }
     }
 }

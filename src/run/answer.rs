@@ -9,6 +9,8 @@ use crate::run::axis_rates::axis_rates;
 use crate::run::cause::isolation;
 use crate::run::requirements::requirements;
 use crate::run::vacuity;
+use crate::run::violation::{broken_formulas, recorded_violation};
+use crate::run::warnings::warnings;
 use crate::run::without_verdict::without_verdict;
 
 /// Adds the share of simulations without a verdict, the success rates over the values of axes, the
@@ -24,18 +26,33 @@ pub(super) fn add_recorded_parts(
         Answer::Evaluation(found) => found.without_verdict = without_verdict,
         Answer::Falsification(found) => {
             found.without_verdict = without_verdict;
-            found.warnings.clone_from(&run.header().preflight);
-            found.asks_nothing = vacuity::of_search(run)?;
+            found.warnings = warnings(run)?;
+            found.asks_nothing = asks_nothing_in(run)?;
+            for trial in found.trials.iter_mut().filter(|trial| trial.falsified) {
+                let Some(simulation) = trial.simulation else { continue };
+                trial.violation = recorded_violation(run, trial.trial, simulation)?;
+            }
         }
-        Answer::Margin(found) => found.without_verdict = without_verdict,
-        Answer::Metamorphic(found) => found.without_verdict = without_verdict,
-        Answer::Risk(found) => found.without_verdict = without_verdict,
+        Answer::Margin(found) => {
+            found.without_verdict = without_verdict;
+            found.asks_nothing = asks_nothing_in(run)?;
+        }
+        Answer::Metamorphic(found) => {
+            found.without_verdict = without_verdict;
+            found.asks_nothing = asks_nothing_in(run)?;
+        }
+        Answer::Risk(found) => {
+            found.without_verdict = without_verdict;
+            found.asks_nothing = asks_nothing_in(run)?;
+        }
         Answer::Hardening(found) => found.without_verdict = without_verdict,
     }
     if let Answer::Evaluation(found) = answer
         && found.screening.is_none()
     {
+        found.asks_nothing = asks_nothing_in(run)?;
         found.axis_rates = axis_rates(run)?;
+        found.breaks = broken_formulas(run)?;
     }
     let falsify = plan.falsify.as_ref();
     let is_isolated = falsify.is_some_and(|falsify| falsify.isolate == Some(true));
@@ -49,7 +66,8 @@ pub(super) fn add_recorded_parts(
             found.requirements = requirements(run)?;
             found.reasons = reasons;
             for trial in &mut found.trials {
-                trial.cause = isolation(run, trial.trial)?.map(|isolation| isolation.result());
+                let isolation = isolation(run, trial.trial)?;
+                trial.cause = isolation.map(|isolation| isolation.result(run)).transpose()?;
             }
         }
         Answer::Evaluation(found) => {
@@ -62,6 +80,15 @@ pub(super) fn add_recorded_parts(
         Answer::Hardening(_) => {}
     }
     Ok(())
+}
+
+/// Returns why no simulation of a run asks anything with the formula of its question; `None` if one
+/// does.
+///
+/// # Errors
+/// If the run cannot be read.
+pub(crate) fn asks_nothing_in(run: &RunFile) -> Result<Option<String>, MishandleError> {
+    vacuity::of_question(run)
 }
 
 /// Returns why simulations of a run ended as they did; `None` if no target said so.

@@ -3,13 +3,14 @@
 
 use mishandle_evaluation::{Estimate, failure_rate};
 use mishandle_falsification::{Survivor, distance, inside_bounds, is_inside_of, off_nominal, on_bounds};
-use mishandle_results::{Cause, CheckedFailure, PhysicsCheck};
+use mishandle_results::{Cause, CheckedFailure, PhysicsCheck, Violation};
 use mishandle_rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
-use mishandle_store::{RunFile, Simulation};
+use mishandle_store::{RunFile, RunHeader, Simulation};
 
 use crate::error::MishandleError;
 use crate::resolve::named_scenario;
 use crate::run::recorded_axis;
+use crate::run::violation::recorded_violation;
 
 /// The cause of a failure: the scenario that it becomes when it moves toward nominal.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,9 +21,12 @@ pub struct FailureCause {
     pub sides: Vec<i64>,
     /// Share of simulations with other seeds that fail; `None` if the target is not random.
     pub failing_seeds: Option<f64>,
+    /// Trial and number of the failure with these axes off nominal: the minimal one.
+    pub minimal: (u32, u32),
 }
 
 /// The simulations that move a counterexample toward nominal.
+#[derive(Clone, Debug)]
 pub(crate) struct Isolation {
     /// The failing simulation with the fewest axes off nominal, and of these the closest to
     /// nominal: the counterexample itself if no other fails.
@@ -56,8 +60,21 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
         }
     }
     let Some(original) = original else { return Ok(None) };
-    let axes: Vec<Axis> = run.header().axes.iter().map(recorded_axis).collect();
-    let space = Space::new(&run.header().space, axes)?;
+    isolation_of(run.header(), original, rows).map(Some)
+}
+
+/// Returns what the simulations `rows` say that moved the failure `original` of a run with this
+/// header toward nominal.
+///
+/// # Errors
+/// If the axes of the header are invalid.
+pub(crate) fn isolation_of(
+    header: &RunHeader,
+    original: Simulation,
+    rows: Vec<Simulation>,
+) -> Result<Isolation, MishandleError> {
+    let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
+    let space = Space::new(&header.space, axes)?;
     let off = |simulation: &Simulation| off_nominal(&space, &Scenario::new(simulation.scenario.clone()));
     let order = |simulation: &Simulation| {
         (off(simulation).len(), distance(&space, &Scenario::new(simulation.scenario.clone())))
@@ -88,7 +105,7 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
         failing.push(original.clone());
     }
     let axes = off(&closest);
-    Ok(Some(Isolation { closest, axes, failing, original, rows, space }))
+    Ok(Isolation { closest, axes, failing, original, rows, space })
 }
 
 /// Returns the simulation of a row as a request.
@@ -147,6 +164,7 @@ impl Isolation {
             axes: self.axes.clone(),
             sides: self.axes.iter().map(side).collect(),
             failing_seeds: self.other_seeds().and_then(|estimate| estimate.value),
+            minimal: (self.closest.trial, self.closest.number),
         }
     }
 
@@ -168,6 +186,16 @@ impl Isolation {
         if alone.is_empty() { axes } else { alone }
     }
 
+    /// Returns trial and number of the counterexample.
+    pub(crate) fn original(&self) -> (u32, u32) {
+        (self.original.trial, self.original.number)
+    }
+
+    /// Returns one of the [`failures`](Self::failures).
+    pub(crate) fn failure(&self, index: usize) -> &Simulation {
+        &self.failing[index]
+    }
+
     /// Returns the failing simulations, from the closest one to the counterexample.
     pub(crate) fn failures(&self) -> Vec<Request> {
         self.failing.iter().map(request).collect()
@@ -175,7 +203,19 @@ impl Isolation {
 
     /// Returns the findings with a check of the physics, for which the closest failure goes back to
     /// the survivor of [`failures`](Self::failures).
-    pub(crate) fn checked(mut self, survivor: Survivor) -> Cause {
+    ///
+    /// # Errors
+    /// If the run cannot be read.
+    pub(crate) fn checked(self, run: &RunFile, survivor: Survivor) -> Result<Cause, MishandleError> {
+        self.checked_with(survivor, |closest| recorded_violation(run, closest.trial, closest.number))
+    }
+
+    /// As [`checked`](Self::checked), with what `violation` says about the closest failure.
+    pub(crate) fn checked_with<E>(
+        mut self,
+        survivor: Survivor,
+        violation: impl FnOnce(&Simulation) -> Result<Option<Violation>, E>,
+    ) -> Result<Cause, E> {
         let Survivor { index, physics, checked } = survivor;
         let found = self.failing.len() - 1;
         let failure = |(index, physics): (usize, PhysicsCheck)| {
@@ -192,9 +232,9 @@ impl Isolation {
             self.closest = self.failing[index].clone();
             self.axes = off_nominal(&self.space, &Scenario::new(self.closest.scenario.clone()));
         }
-        let cause = self.result();
+        let cause = self.result_with(violation(&self.closest)?);
         let other_seeds = cause.other_seeds.filter(|_| !went_back);
-        Cause { other_seeds, went_back, physics: Some(physics), checked, ..cause }
+        Ok(Cause { other_seeds, went_back, physics: Some(physics), checked, ..cause })
     }
 
     /// Returns how often the closest failure fails with other seeds; `None` if they have no effect.
@@ -207,7 +247,15 @@ impl Isolation {
     }
 
     /// Returns the findings as a result.
-    pub(crate) fn result(&self) -> Cause {
+    ///
+    /// # Errors
+    /// If the run cannot be read.
+    pub(crate) fn result(&self, run: &RunFile) -> Result<Cause, MishandleError> {
+        Ok(self.result_with(recorded_violation(run, self.closest.trial, self.closest.number)?))
+    }
+
+    /// As [`result`](Self::result), with what is known about the violation of the closest failure.
+    pub(crate) fn result_with(&self, violation: Option<Violation>) -> Cause {
         let axes = self.space.axes();
         let off = off_nominal(&self.space, &Scenario::new(self.original.scenario.clone()));
         let names = |found: Vec<usize>| found.into_iter().map(|axis| axes[axis].name.clone()).collect();
@@ -225,6 +273,7 @@ impl Isolation {
             simulations: self.rows.len() as u64,
             scenario: named_scenario(axes, &self.closest.scenario),
             robustness: self.closest.robustness.unwrap_or_default().into(),
+            violation,
             axes: names(self.axes.clone()),
             sufficient: self
                 .axes_where(alone, Simulation::is_violated)

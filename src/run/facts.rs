@@ -72,6 +72,7 @@ impl Facts {
             set_axes: set.collect(),
             control_dt: header.control_dt,
             episode_steps: header.episode_steps.into(),
+            offered: None,
         };
         Ok(Facts {
             subject,

@@ -127,14 +127,17 @@ mod tests {
         match answer {
             Answer::Margin(mut found) => {
                 found.at_nominal.clear();
+                found.subject.offered = None;
                 Answer::Margin(found)
             }
             Answer::Risk(mut found) => {
                 found.seed_is_random = false;
+                found.subject.offered = None;
                 Answer::Risk(found)
             }
             Answer::Metamorphic(mut found) => {
                 found.is_random = false;
+                found.subject.offered = None;
                 Answer::Metamorphic(found)
             }
             other => other,

@@ -93,6 +93,11 @@ impl<'a> Journal<'a> {
         })
     }
 
+    /// Lets the first simulations fail, all of them.
+    pub(crate) fn with_failing_starts(self) -> Journal<'a> {
+        Journal { first: None, ..self }
+    }
+
     /// Lets an engine propose the simulations.
     pub(crate) fn with_engine(self, engine: Option<Box<dyn Screen>>) -> Journal<'a> {
         Journal { engine: engine.into(), ..self }

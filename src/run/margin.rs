@@ -164,7 +164,14 @@ mod tests {
             ..Level::new(*amplitude)
         };
         let levels = amplitudes.iter().map(level).collect();
-        Margin { witness: None, levels, smallest_without_verdict, simulations: 0, is_complete: true }
+        Margin {
+            witness: None,
+            levels,
+            smallest_without_verdict,
+            largest_with_verdict: 1.0,
+            simulations: 0,
+            is_complete: true,
+        }
     }
 
     /// All searches together claim no more than each of them shows.

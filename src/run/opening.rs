@@ -8,6 +8,7 @@ use mishandle_store::{IfExists, RunHeader, RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, controller_name, file_label};
+use crate::run::Probes;
 use crate::run::header::header;
 use crate::run::{admit_build, same_plan, unfinished};
 
@@ -43,6 +44,17 @@ impl Opening {
 /// # Errors
 /// If the file exists already or cannot be written.
 pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
+    Ok(create_probed_run(resolved, path)?.0)
+}
+
+/// Creates the run file of a plan as [`create_run`] does. Returns also what its probes cost.
+///
+/// # Errors
+/// The errors of [`create_run`].
+pub fn create_probed_run(
+    resolved: &ResolvedPlan,
+    path: Option<&Path>,
+) -> Result<(RunWriter, Probes), MishandleError> {
     // What a question needs, before there is a file.
     if resolved.plan.risk.is_some() {
         crate::run::check_risk_method(resolved)?;
@@ -55,7 +67,7 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     }
     let Some(path) = path else {
         // Another process can take the free name first.
-        let is_taken = |created: &Result<RunWriter, MishandleError>| {
+        let is_taken = |created: &Result<(RunWriter, Probes), MishandleError>| {
             matches!(
                 created,
                 Err(MishandleError::Store(StoreError::Exists { .. } | StoreError::Locked { .. }))
@@ -87,14 +99,15 @@ pub(crate) fn continue_run(resolved: &ResolvedPlan, path: &Path) -> Result<RunWr
 }
 
 /// Creates the run file of a plan at `path`, with its folder.
-fn create(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleError> {
+fn create(resolved: &ResolvedPlan, path: &Path) -> Result<(RunWriter, Probes), MishandleError> {
     // Removes them again if the run cannot be created.
     let mut folders = NewFolders::default();
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         folders.create(folder).map_err(MishandleError::write("folder", folder))?;
     }
-    let header = RunHeader { preflight: crate::run::preflight(resolved)?, ..header(resolved) };
-    Ok(RunWriter::create(path, &header, IfExists::Refuse)?)
+    let (preflight, probes) = crate::run::preflight(resolved)?;
+    let header = RunHeader { preflight, ..header(resolved) };
+    Ok((RunWriter::create(path, &header, IfExists::Refuse)?, probes))
 }
 
 /// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`. The first name has no number.

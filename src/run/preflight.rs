@@ -9,8 +9,8 @@ use mishandle_rollout::{
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, contract_warnings, nominal_scenario};
+use crate::run::cost::{Probes, cost};
 use crate::run::end_text;
 use crate::run::violation::decided;
 
@@ -31,7 +31,7 @@ const MAX_CHARACTERS: usize = 1000;
 const MAX_LEVELS: usize = 5;
 
 /// Checks requirement and space with a few simulations of their own, which are part of no result,
-/// and returns warnings in words.
+/// and returns warnings in words, and what the simulations cost.
 ///
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
 /// nominal value if the bounds agree. If that changes no trace, the same follows with each of
@@ -42,28 +42,39 @@ const MAX_LEVELS: usize = 5;
 /// # Errors
 /// If the requirement does not fit the signals, the policy of a target file cannot act, or the
 /// system fails as a whole, as after Ctrl-C in a system in Python.
-pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, MishandleError> {
+pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<(Vec<String>, Probes), MishandleError> {
     let mut warnings = contract_warnings(&resolved.plan)?;
     unseen_axes(resolved, &mut warnings);
     fixed_axes(resolved, &mut warnings);
     mixed_units(resolved, &mut warnings)?;
     let seed = Seed(resolved.plan.seed).child(u64::MAX).child(u64::MAX);
-    let mut system = resolved.system()?;
+    let mut system = Probed { system: resolved.system()?, simulations: 0 };
     let start = Instant::now();
     let nominal = Request::new(resolved.space.nominal(), seed);
-    let Some(nominal) = rollout(&mut *system, vec![nominal])?.pop() else { return Ok(warnings) };
+    let Some(nominal) = system.rollout(vec![nominal])?.pop() else {
+        return Ok((warnings, Probes::default()));
+    };
     warnings.extend(failed(&nominal, resolved));
     let each = start.elapsed().as_secs_f64().max(1e-6);
     let in_time = (TIME.as_secs_f64() / each) as usize;
-    let limit = in_time.max((SHARE * simulations(&resolved.plan)) as usize);
+    let limit = in_time.max((SHARE * cost(resolved)?.simulations as f64) as usize);
     let mut probes = vec![nominal];
     // Traces of a nondeterministic target differ without a reason.
     if resolved.target.is_deterministic {
-        axes_without_effect(resolved, &mut *system, seed, limit, &mut probes, &mut warnings)?;
+        axes_without_effect(resolved, &mut system, seed, limit, &mut probes, &mut warnings)?;
     }
+    let seconds = match system.simulations - 1 {
+        0 => each,
+        others => (start.elapsed().as_secs_f64() - each) / others as f64,
+    };
+    let found = Probes { simulations: system.simulations, seconds };
     requirement(resolved, &probes, &mut warnings)?;
-    // A run file has short texts, and nobody reads a long one.
-    Ok(warnings.into_iter().map(|warning| warning.chars().take(MAX_CHARACTERS).collect()).collect())
+    Ok((warnings.iter().map(|warning| short(warning)).collect(), found))
+}
+
+/// Shortens a warning: a run file has short texts, and nobody reads a long one.
+fn short(warning: &str) -> String {
+    warning.chars().take(MAX_CHARACTERS).collect()
 }
 
 /// Warns of a nominal scenario that a simulator or a controller cannot simulate.
@@ -78,21 +89,19 @@ fn failed(nominal: &Episode, resolved: &ResolvedPlan) -> Option<String> {
     ends.then(|| format!("{scenario} has no verdict: {}{reason}", end_text(nominal.end, &names)))
 }
 
-/// Returns the number of simulations that a question plans.
-fn simulations(plan: &Plan) -> f64 {
-    let falsify = plan.falsify.as_ref().map(|table| f64::from(table.trials) * f64::from(table.budget));
-    let evaluate = plan.evaluate.as_ref().map(|table| table.episodes as f64);
-    let margin = plan.margin.as_ref().map(|table| table.budget as f64);
-    let metamorphic = plan.metamorphic.as_ref().map(|table| 2.0 * table.pairs as f64);
-    let risk = plan.risk.as_ref().map(|table| table.simulations as f64);
-    falsify.or(margin).or(metamorphic).or(risk).or(evaluate).unwrap_or(0.0)
+/// A system that counts its probes.
+struct Probed {
+    system: Box<dyn System>,
+    simulations: u64,
 }
 
-/// Simulates probes.
-fn rollout(system: &mut dyn System, requests: Vec<Request>) -> Result<Vec<Episode>, MishandleError> {
-    let requests: Vec<Request> =
-        (1..).zip(requests).map(|(number, request)| Request { number, ..request }).collect();
-    Ok(system.rollout(&requests)?)
+impl Probed {
+    fn rollout(&mut self, requests: Vec<Request>) -> Result<Vec<Episode>, MishandleError> {
+        self.simulations += requests.len() as u64;
+        let requests: Vec<Request> =
+            (1..).zip(requests).map(|(number, request)| Request { number, ..request }).collect();
+        Ok(self.system.rollout(&requests)?)
+    }
 }
 
 /// Returns whether an axis changes images that the controller of this target does not see.
@@ -185,7 +194,7 @@ impl Others {
 /// Warns of axes that change no trace, whatever the values of the others.
 fn axes_without_effect(
     resolved: &ResolvedPlan,
-    system: &mut dyn System,
+    system: &mut Probed,
     seed: Seed,
     limit: usize,
     probes: &mut Vec<Episode>,
@@ -195,23 +204,30 @@ fn axes_without_effect(
     let is_probed = |index: &usize| !axes[*index].is_fixed() && !is_unseen(&axes[*index], resolved);
     let mut unchanged: Vec<usize> = (0..axes.len()).filter(is_probed).collect();
     for others in Others::ALL {
-        unchanged = unchanging(resolved, &mut *system, seed, limit, &unchanged, others, probes)?;
+        unchanged = unchanging(resolved, system, seed, limit, &unchanged, others, probes)?;
     }
-    for axis in unchanged.into_iter().map(|index| &axes[index]) {
-        warnings.push(format!(
-            "axis `{}` changes no trace: all signals are equal at its {}, with the other axes nominal, away from nominal and \
-             at random; is its name right, and does the system read it?",
-            axis.name,
-            if axis.levels().is_some() { "values" } else { "lowest, nominal and highest value" }
-        ));
-    }
+    warnings.extend(unchanged.into_iter().map(|index| without_effect(&axes[index])));
     Ok(())
+}
+
+/// Returns the warning of an axis that changes no trace at the points that were probed.
+pub(super) fn without_effect(axis: &Axis) -> String {
+    short(&format!(
+        "axis `{}` changes no trace at the probed points: all signals are equal at its {}, with the other axes nominal, away \
+         from nominal and at random; is its name right, and does the system read it?",
+        axis.name,
+        match axis.levels() {
+            Some(levels) if levels > MAX_LEVELS => "nominal value and some others",
+            Some(_) => "values",
+            None => "lowest, nominal and highest value",
+        }
+    ))
 }
 
 /// Probes axes at their bounds and between them, and returns those that change no trace.
 fn unchanging(
     resolved: &ResolvedPlan,
-    system: &mut dyn System,
+    system: &mut Probed,
     seed: Seed,
     limit: usize,
     probed: &[usize],
@@ -221,9 +237,11 @@ fn unchanging(
     let axes = resolved.space.axes();
     let values = |axis: &Axis| -> Vec<f64> {
         match axis.levels() {
-            Some(levels) => (0..levels.min(MAX_LEVELS))
-                .map(|level| axis.at((level as f64 + 0.5) / levels as f64))
-                .collect(),
+            Some(levels) => {
+                let count = levels.min(MAX_LEVELS);
+                let level = |index: usize| index * (levels - 1) / (count - 1).max(1);
+                (0..count).map(|index| axis.at((level(index) as f64 + 0.5) / levels as f64)).collect()
+            }
             None => vec![axis.low, axis.high],
         }
     };
@@ -293,7 +311,7 @@ fn unchanging(
         }
         ranges.push((index, bases, values.len(), first..first + count));
     }
-    let episodes = rollout(system, requests)?;
+    let episodes = system.rollout(requests)?;
     let is_comparable = |episode: &Episode| episode.end.has_verdict() && !episode.trace.is_empty();
     let mut unchanged = Vec::new();
     for (index, bases, count, range) in ranges {
@@ -310,7 +328,7 @@ fn unchanging(
         let value = axes[*index].nominal.or(Some(axes[*index].at(0.5)));
         bases.iter().map(|base| request(base, *index, value)).collect()
     };
-    let mut nominal = rollout(system, unchanged.iter().flat_map(between).collect())?.into_iter();
+    let mut nominal = system.rollout(unchanged.iter().flat_map(between).collect())?.into_iter();
     let mut without_effect = Vec::new();
     for (index, bases, found) in unchanged {
         let nominal: Vec<Episode> = nominal.by_ref().take(bases.len()).collect();

@@ -12,7 +12,7 @@ use crate::resolve::ResolvedPlan;
 
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
 /// the parts of the robustness, they follow, then the robustness of each named requirement, and why
-/// each asks nothing. Of a search, the last one is why its own formula asks nothing.
+/// each asks nothing. The last one is why the formula of the question asks nothing.
 const VERDICTS: [&str; 6] =
     ["success", "strict", "dangerous_steps", "completion_step", "total_reward", "careful"];
 
@@ -23,7 +23,7 @@ pub(crate) const REQUIREMENT: &str = "requirement_";
 /// that of [`Vacuity::code`].
 pub(crate) const VACUITY: &str = "vacuity_";
 
-/// Name of the same verdict of the formula of a search.
+/// Name of the same verdict of the formula of the question.
 pub(crate) const SEARCH_VACUITY: &str = "vacuity";
 
 /// Returns the names of all verdicts of a run.
@@ -31,9 +31,9 @@ pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
     let parts = (1..=resolved.stored_parts).map(|i| format!("part_{i}"));
     let others = &resolved.specification.others;
     let named = |start: &'static str| others.iter().map(move |(name, _)| format!("{start}{name}"));
-    let of_search = resolved.plan.falsify.iter().map(|_| SEARCH_VACUITY.to_string());
     let names = VERDICTS.map(String::from).into_iter().chain(parts);
-    names.chain(named(REQUIREMENT)).chain(named(VACUITY)).chain(of_search).collect()
+    let own = [SEARCH_VACUITY.to_string()];
+    names.chain(named(REQUIREMENT)).chain(named(VACUITY)).chain(own).collect()
 }
 
 /// Converts an episode of a plan to a stored simulation. Only a counterexample keeps its trace.
@@ -59,7 +59,7 @@ pub(crate) fn row(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         let rho = verdict.others.get(i).copied().flatten();
         code(rho, verdict.other_vacuities.get(i).copied().flatten())
     });
-    let of_search = resolved.plan.falsify.iter().map(|_| code(verdict.robustness, verdict.vacuity));
+    let own = [code(verdict.robustness, verdict.vacuity)];
     // The value is a lower bound if the simulation stopped because it is above the threshold.
     let is_bound = matches!(episode.end, EpisodeEnd::Stopped { .. })
         && request.stop_threshold.is_some_and(|threshold| verdict.robustness > Some(threshold));
@@ -75,7 +75,7 @@ pub(crate) fn row(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         stop_threshold: request.stop_threshold,
         end: stored_end(episode.end),
         steps: episode.steps as u32,
-        verdicts: verdicts.into_iter().chain(parts).chain(others).chain(vacuities).chain(of_search).collect(),
+        verdicts: verdicts.into_iter().chain(parts).chain(others).chain(vacuities).chain(own).collect(),
         reason: episode.reason.clone(),
         trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),

@@ -200,7 +200,7 @@ mod tests {
         let plan =
             |line: &str| Plan::from_toml(&format!("target = \"toy/sphere-2d\"\n[falsify]\n{line}")).unwrap();
         for line in [
-            "trials = 3",
+            "trials = 4",
             "budget = 7",
             "search = \"random\"",
             "keep-going = true",

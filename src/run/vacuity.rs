@@ -1,9 +1,10 @@
 //! Formulas that hold in simulations and ask nothing of the controller.
 
 use mishandle_requirements::start_traps;
-use mishandle_results::{TrapSeverity, Vacuous};
-use mishandle_stl::{Formula, Vacuity};
+use mishandle_results::{Number, TrapSeverity, Vacuous};
+use mishandle_stl::{Formula, Vacuity, is_satisfied};
 use mishandle_store::{RunFile, Simulation};
+use mishandle_text::{number_text, plural};
 
 use crate::error::MishandleError;
 use crate::run::rows::SEARCH_VACUITY;
@@ -14,6 +15,7 @@ pub(super) fn count(vacuous: &mut Vacuous, row: &Simulation, column: Option<usiz
     match Vacuity::from_code(code as u8) {
         Some(Vacuity::FirstSample) => vacuous.first_sample += 1,
         Some(Vacuity::Premise) => vacuous.premise += 1,
+        Some(Vacuity::Parts) => vacuous.parts += 1,
         // A simulation that no sample decides has no verdict.
         Some(Vacuity::NoSample) | None => {}
     }
@@ -26,7 +28,11 @@ pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) ->
         return None;
     }
     let formula = Formula::parse(formula).ok()?;
-    let given = [(vacuous.first_sample, Vacuity::FirstSample), (vacuous.premise, Vacuity::Premise)];
+    let given = [
+        (vacuous.first_sample, Vacuity::FirstSample),
+        (vacuous.premise, Vacuity::Premise),
+        (vacuous.parts, Vacuity::Parts),
+    ];
     let given = given.into_iter().filter(|(count, _)| *count > 0);
     let reasons: Vec<String> = given.map(|(_, found)| found.reason(&formula)).collect();
     let traps = start_traps(&formula).into_iter().filter(|trap| trap.severity == TrapSeverity::Warning);
@@ -35,18 +41,43 @@ pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) ->
     Some(reasons.join(", or ") + &instead)
 }
 
-/// Returns why no simulation of a search asks anything with the formula of the search itself.
-pub(super) fn of_search(run: &RunFile) -> Result<Option<String>, MishandleError> {
+/// Returns why simulations that violate nothing say nothing about the controller, if nothing that
+/// was varied changes their robustness: `least` and `most` are the same.
+pub(crate) fn unchanged(
+    simulations: u64,
+    least: Option<Number>,
+    most: Option<Number>,
+    varies: bool,
+) -> Option<String> {
+    let (least, most) = least.zip(most).filter(|(least, _)| is_satisfied(least.0))?;
+    let is_same = varies && simulations > 1 && least.0.total_cmp(&most.0).is_eq();
+    let robustness = number_text(least.0);
+    let all = plural(simulations, "simulation");
+    is_same.then(|| format!("nothing that was varied changes the robustness, {robustness} in all {all}"))
+}
+
+/// Returns whether the scenarios of a run can differ.
+pub(crate) fn varies(run: &RunFile) -> bool {
+    run.header().axes.iter().any(|axis| axis.low < axis.high)
+}
+
+/// Returns why no simulation of a run asks anything with the formula of its question.
+pub(super) fn of_question(run: &RunFile) -> Result<Option<String>, MishandleError> {
     let header = run.header();
     let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
     let (mut vacuous, mut simulations) = (Vacuous::default(), 0);
+    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
     for row in run.simulations() {
         let row = row?;
-        simulations += u64::from(row.robustness.is_some());
+        let Some(robustness) = row.robustness else { continue };
+        simulations += 1;
         count(&mut vacuous, &row, column);
-        if vacuous.total() < simulations {
+        (least, most) = (least.min(robustness), most.max(robustness));
+        if vacuous.total() < simulations && least < most {
             return Ok(None);
         }
     }
-    Ok(asks_nothing(&header.formula, vacuous, simulations))
+    let [least, most] = [least, most].map(|value| (simulations > 0).then_some(value.into()));
+    let reason = asks_nothing(&header.formula, vacuous, simulations);
+    Ok(reason.or_else(|| unchanged(simulations, least, most, varies(run))))
 }

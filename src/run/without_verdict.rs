@@ -129,13 +129,13 @@ mod tests {
         assert_eq!(text(ends(10, 0, 2)).as_deref(), Some(expected));
         let both = EndCounts { undecided: 1, invalid: 2, ..ends(30, 3, 1) };
         let expected = "6 of 30 simulations (20.0 %) have no verdict: 2 ended in a value that is not finite, \
-                        3 crashed or took too long, 1 left the formula undecided; left out: 1 scenario, from which \
-                        the target cannot start";
+                        3 failed (crash, invalid answer or time limit), 1 left the formula undecided; left out: 1 scenario, \
+                        from which the target cannot start";
         assert_eq!(text(both).as_deref(), Some(expected));
-        let expected = "none of 2 simulations has a verdict: 2 crashed or took too long";
+        let expected = "none of 2 simulations has a verdict: 2 failed (crash, invalid answer or time limit)";
         assert_eq!(text(ends(2, 2, 0)).as_deref(), Some(expected));
         let screened = WithoutVerdict { share: Some(0.004), ..WithoutVerdict::new(ends(20, 20, 0), 0.05) };
-        let expected = "20 of 20 repeated simulations (an estimated 0.4 % of all) have no verdict: 20 crashed or took too long";
+        let expected = "20 of 20 repeated simulations (an estimated 0.4 % of all) have no verdict: 20 failed (crash, invalid answer or time limit)";
         assert_eq!(without_verdict_text(&screened).as_deref(), Some(expected));
     }
 

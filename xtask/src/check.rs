@@ -54,7 +54,7 @@ const STEPS: &[Step] = &[
         action: |root, _| run_cargo(root, &["doc", "--workspace", "--no-deps", "--quiet"]),
     },
     Step { name: "dependencies", from: Extent::All, action: |root, _| deny::check_if_installed(root) },
-    Step { name: "demo", from: Extent::All, action: |root, _| demo::demo(root) },
+    Step { name: "demo", from: Extent::All, action: |root, _| demo::check(root) },
 ];
 
 /// Runs the steps.

@@ -13,7 +13,10 @@ const LEVELS: [&str; 5] = ["2.5", "5", "95", "97.5", "99"];
 const COSTS: [&str; 7] = ["µs", "ms", "s", "minutes", "hours", "MB", "GB"];
 const SPENDS: [&str; 5] = ["take", "takes", "took", "cost", "costs"];
 
-/// Number of words in which a cost follows its verb.
+/// Words before or after a depth in mm, which is then a figure.
+const DEPTHS: [&str; 7] = ["depth", "depths", "deep", "deeper", "penetration", "penetrate", "penetrates"];
+
+/// Number of words in which a cost or a depth follows its word.
 const REACH: usize = 4;
 
 /// Comments that name a source.
@@ -83,7 +86,7 @@ fn without_comments(text: &str) -> String {
 }
 
 /// Returns the measured figures of text: percentages that are not a level of confidence, counts `n
-/// of m`, ratios `n times as`, and costs in time and memory. Code is not read.
+/// of m`, ratios `n times as`, costs in time and memory, and depths of contact. Code is not read.
 fn figures(text: &str) -> Vec<String> {
     let prose = text.split('`').step_by(2).collect::<Vec<_>>().join(" ");
     let words: Vec<&str> = prose.split_whitespace().map(bare).collect();
@@ -99,6 +102,7 @@ fn figures(text: &str) -> Vec<String> {
             || word(at + 1) == "of" && number(word(of)).is_some()
             || word(at + 1) == "times" && word(at + 2) == "as"
             || COSTS.contains(&unit) && before.iter().any(|word| SPENDS.contains(word))
+            || unit == "mm" && before.iter().chain([&word(at + 2 + rest)]).any(|word| DEPTHS.contains(word))
     };
     let numbers = (0..words.len()).filter(|at| number(word(*at)).is_some());
     numbers.filter(|at| is_figure(*at)).map(|at| word(at).to_owned()).collect()
@@ -134,6 +138,8 @@ mod tests {
             ("is 8 times as fast, 60 times a second", &["8"]),
             ("it takes about 1 s and costs 1 to 10 ms", &["1", "1", "10"]),
             ("a mean over 50 ms for 5 s, at most 64 MB", &[]),
+            ("penetration of at most 0.8 mm, and 1 to 3 mm deep", &["0.8", "1", "3"]),
+            ("a wall of 20 mm, 5 mm apart", &[]),
             ("`echo 30 %` of 5 axes", &[]),
             ("| a | 93.3 % at 0.1 |", &["93.3"]),
         ] {

@@ -50,7 +50,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "demo",
         arguments: "",
-        about: "fetch MuJoCo, build, falsify a shipped controller, suggest what to try next",
+        about: "fetch MuJoCo, build, run `mishandle demo`: a controller fails, and a page shows it",
         run: |root, _| demo::demo(root),
     },
     Chore {

@@ -2,6 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, IsTerminal, Write};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
@@ -10,13 +11,17 @@ use crate::process::as_typed;
 /// Columns of cargo's progress bar.
 const WIDTH: &str = "79";
 
+/// Time between two lines of progress in a file.
+const INTERVAL: Duration = Duration::from_secs(30);
+
 /// Start of the lines of cargo that are not shown: its progress bar, which is written over itself,
 /// and the names of crates.
 const BAR: &str = "    Building [";
 const NAMES: [&str; 6] =
     ["   Compiling ", "  Downloaded ", " Downloading ", "    Updating ", "     Locking ", "    Finished "];
 
-/// Runs cargo. Shows its progress on a terminal, in one line, and everything else that it writes.
+/// Runs cargo. Shows its progress in one line of a terminal, or in a line from time to time, and
+/// everything else that it writes.
 ///
 /// # Errors
 /// If it cannot be started, or fails.
@@ -40,6 +45,7 @@ pub fn run(cargo: &mut Command) -> Result<()> {
 fn show(mut from: impl BufRead, to: &mut impl Write, is_terminal: bool) -> io::Result<()> {
     let mut piece = Vec::new();
     let mut has_bar = false;
+    let mut shown = Instant::now();
     let mut end_piece = |piece: &mut Vec<u8>| -> io::Result<()> {
         let text = String::from_utf8_lossy(piece).into_owned();
         piece.clear();
@@ -49,6 +55,9 @@ fn show(mut from: impl BufRead, to: &mut impl Write, is_terminal: bool) -> io::R
                 write!(to, "\r{text:<79}")?;
                 to.flush()?;
                 has_bar = true;
+            } else if shown.elapsed() >= INTERVAL {
+                shown = Instant::now();
+                writeln!(to, "{}", text.trim_end())?;
             }
             return Ok(());
         }

@@ -9,7 +9,11 @@
 //! comment directly above the block gives the code of each of its commands: `<!-- exit: 0 1 -->`.
 //! The command must print every output line that the page shows, to stdout or stderr. Numbers and
 //! the width of gaps are not compared; a page may leave lines out. A command that a page names as
-//! the source of [figures](crate::figures) must print these numbers.
+//! the source of [figures](crate::figures) must print these numbers. A comment
+//! `<!-- picture PATH: COMMAND -->`, which may have several lines, names a picture of the
+//! repository: the command must write the same bytes to the file of that name in its folder.
+
+mod picture;
 
 use std::fs;
 use std::path::Path;
@@ -68,7 +72,7 @@ const SKIPPED: &[(&str, &str)] = &[
     ("cargo bench", "takes minutes"),
 ];
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 struct Shown {
     /// Line of its page, from 1.
     line: usize,
@@ -78,6 +82,8 @@ struct Shown {
     output: Vec<(usize, String)>,
     /// Numbers of the page that the command prints, rounded.
     figures: Vec<String>,
+    /// Path of the picture that the command makes.
+    picture: Option<String>,
 }
 
 impl Shown {
@@ -88,6 +94,7 @@ impl Shown {
         (&self.command, self.exit) == (&other.command, other.exit)
             && other.output.iter().all(|(_, line)| has(line))
             && other.figures.iter().all(|figure| self.figures.contains(figure))
+            && other.picture.is_none()
     }
 }
 
@@ -107,7 +114,7 @@ pub fn check(root: &Path, extent: Extent) -> Result<()> {
         let check_pages = || {
             while let Some(page) = next() {
                 let elsewhere = if *page == FRONT_PAGE { &others[..] } else { &[] };
-                if let Err(error) = check_page(root, page, elsewhere) {
+                if let Err(error) = check_page(root, page, elsewhere, false) {
                     while next().is_some() {}
                     return Err(error);
                 }
@@ -143,7 +150,7 @@ pub fn build(root: &Path) -> Result<()> {
 }
 
 fn update_page(root: &Path, page: &str) -> Result<()> {
-    let printed = check_page(root, page, &[])?;
+    let printed = check_page(root, page, &[], true)?;
     let path = root.join(page);
     let text = fs::read_to_string(&path).with_context(|| format!("cannot read {page}"))?;
     fs::write(&path, replace_lines(&text, &printed)).with_context(|| format!("cannot write {page}"))
@@ -165,8 +172,8 @@ fn shown(root: &Path, page: &str) -> Result<Vec<Shown>> {
 }
 
 /// Runs the commands of a page, except those that are shown `elsewhere`, too. Returns what they
-/// printed in place of each shown line, with its line of the page.
-fn check_page(root: &Path, page: &str, elsewhere: &[Shown]) -> Result<Vec<(usize, String)>> {
+/// printed in place of each shown line, with its line of the page. An update replaces pictures.
+fn check_page(root: &Path, page: &str, elsewhere: &[Shown], is_update: bool) -> Result<Vec<(usize, String)>> {
     let shown = shown(root, page)?;
     // An empty folder, so that files of an earlier run cannot interfere.
     let folder = root.join("target/readme").join(page.replace('/', "-"));
@@ -187,6 +194,9 @@ fn check_page(root: &Path, page: &str, elsewhere: &[Shown]) -> Result<Vec<(usize
         }
         let started = Instant::now();
         printed.extend(try_out(root, &folder, shown).with_context(|| place.clone())?);
+        if let Some(picture) = &shown.picture {
+            picture::compare(root, &folder, picture, is_update).with_context(|| place.clone())?;
+        }
         eprintln!("{place}: as shown, {:.1} s", started.elapsed().as_secs_f64());
     }
     Ok(printed)
@@ -213,8 +223,9 @@ fn commands(text: &str) -> Result<Vec<Shown>> {
     }
     found.extend(sourced(text).into_iter().filter_map(|part| {
         let command = part.command()?.to_owned();
-        Some(Shown { line: part.line, command, exit: 0, output: Vec::new(), figures: part.figures })
+        Some(Shown { line: part.line, command, figures: part.figures, ..Shown::default() })
     }));
+    found.extend(picture::commands(text));
     Ok(found)
 }
 
@@ -230,7 +241,7 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
         } else if let Some(command) = text.strip_prefix("$ ") {
             goes_on = command.ends_with('\\');
             let command = command.trim_end_matches('\\').trim().to_owned();
-            found.push(Shown { line: *line, command, exit: 0, output: Vec::new(), figures: Vec::new() });
+            found.push(Shown { line: *line, command, ..Shown::default() });
         } else if let Some(last) = last
             && !text.trim().is_empty()
         {
@@ -344,7 +355,7 @@ mod tests {
     /// The output is on the lines below the command.
     fn shown(line: usize, command: &str, exit: i32, output: &[&str]) -> Shown {
         let output = (line + 1..).zip(output.iter().map(|line| (*line).to_owned())).collect();
-        Shown { line, command: command.into(), exit, output, figures: Vec::new() }
+        Shown { line, command: command.into(), exit, output, ..Shown::default() }
     }
 
     #[test]

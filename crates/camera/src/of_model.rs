@@ -19,7 +19,7 @@ const HIGHLIGHT: f32 = 0.2;
 
 impl Scene {
     /// Makes the scene of a model under nominal light: the shapes that pictures show, in plain
-    /// colors. Height fields and textures are not drawn.
+    /// colors. Textures are not drawn.
     ///
     /// # Errors
     /// If the model has too many shapes.
@@ -32,17 +32,20 @@ impl Scene {
             ambient: Ambient::NOMINAL,
             background: Background::NOMINAL,
         };
-        // The mesh of the scene with each index of the model.
-        let mut meshes: Vec<(usize, usize)> = Vec::new();
+        // The shape of the model that each mesh of the scene has.
+        let mut known: Vec<GeomKind> = Vec::new();
         for (index, geom) in model.geoms().iter().enumerate().filter(|(_, geom)| geom.is_drawn) {
             let form = match geom.kind {
-                GeomKind::Mesh(mesh) => {
-                    let known = meshes.iter().find(|(known, _)| *known == mesh).map(|(_, own)| *own);
-                    Some(Form::Mesh(known.unwrap_or_else(|| {
-                        let (vertices, triangles) = model.mesh(mesh);
+                GeomKind::Mesh(index) | GeomKind::HeightField(index) => {
+                    let place = known.iter().position(|kind| *kind == geom.kind);
+                    Some(Form::Mesh(place.unwrap_or_else(|| {
+                        let (vertices, triangles) = match geom.kind {
+                            GeomKind::HeightField(_) => model.height_field(index),
+                            _ => model.mesh(index),
+                        };
                         scene.meshes.push(Arc::new(Mesh::new(vertices, triangles)));
-                        meshes.push((mesh, scene.meshes.len() - 1));
-                        scene.meshes.len() - 1
+                        known.push(geom.kind);
+                        known.len() - 1
                     })))
                 }
                 _ => Form::of_geom(geom),
@@ -82,7 +85,7 @@ impl Form {
             GeomKind::Ellipsoid => Some(Form::Ellipsoid { half: [a, b, c] }),
             GeomKind::Cylinder => Some(Form::Cylinder { radius: a, half: b }),
             GeomKind::Box => Some(Form::Box { half: [a, b, c] }),
-            GeomKind::Mesh(_) | GeomKind::Other => None,
+            GeomKind::Mesh(_) | GeomKind::HeightField(_) | GeomKind::Other => None,
         }
     }
 }

@@ -4,6 +4,7 @@ mod check;
 mod compare;
 mod completions;
 mod controller;
+mod demo;
 mod evaluate;
 mod evidence;
 mod export;
@@ -28,7 +29,7 @@ mod simulate;
 mod train;
 
 use anyhow::Result;
-use clap::Subcommand;
+use clap::{FromArgMatches, Subcommand};
 use mishandle::run::Device;
 
 use crate::exit_status::ExitStatus;
@@ -42,7 +43,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Keep", &["regress", "evidence", "export"]),
     ("Improve", &["train", "harden", "guard", "record", "controller"]),
     ("Formulas and logs", &["formula", "monitor"]),
-    ("Set up", &["list", "init"]),
+    ("Set up", &["list", "init", "demo"]),
 ];
 
 /// The commands, in the order of [`GROUPS`].
@@ -72,6 +73,7 @@ pub enum Command {
     Monitor(monitor::Arguments),
     List(list::Arguments),
     Init(init::Arguments),
+    Demo(demo::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
 }
@@ -104,7 +106,14 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Monitor(arguments) => monitor::run(arguments),
         Command::List(arguments) => list::run(arguments),
         Command::Init(arguments) => init::run(arguments),
+        Command::Demo(arguments) => demo::run(arguments, |words| run_words(words, gpu, program)),
         Command::Completions(arguments) => completions::run(arguments, program),
         Command::Man(arguments) => man::run(arguments, program),
     }
+}
+
+/// Runs a command by its words, as if they were typed.
+fn run_words(words: &[&str], gpu: Option<&Device>, program: fn() -> clap::Command) -> Result<ExitStatus> {
+    let matches = program().try_get_matches_from([&["mishandle"], words].concat())?;
+    run(&Command::from_arg_matches(&matches)?, gpu, program)
 }

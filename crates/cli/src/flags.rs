@@ -16,7 +16,7 @@ pub use keys::{
 pub use log_question::{LogQuestion, Logs, OF_LOGS};
 pub use plan::planned;
 pub use recorded::{check_flags, is_full_trace};
-pub use run::{OpenRun, Run};
+pub use run::{OpenRun, Run, Verbose};
 pub use subject::{Axes, Simulator, Subject, named_formula};
 
 /// Random seeds.

@@ -22,11 +22,14 @@ use mishandle::world::{CHILD_WORD, run_child, set_child_program};
 pub use commands::junit;
 pub use flags::reads_key;
 pub use run::check_reports::write as write_check_reports;
+pub use show::answer::below as answer_text;
 pub use show::bisection::{command as bisection_command, text as bisection_text};
 pub use show::check::text as check_text;
+pub use show::cost::{text as cost_text, time_text};
 pub use show::formula::text as formula_text;
 pub use show::log_verdicts::verdicts as verdicts_text;
 pub use show::mining::text as mining_text;
+pub use show::verdict::python_text as verdict_text;
 
 use command_line::CommandLine;
 use exit_status::ExitStatus;

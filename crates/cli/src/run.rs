@@ -2,6 +2,7 @@
 //! opens, questions.
 
 pub mod answers;
+pub mod browser;
 pub mod check_reports;
 pub mod counterexample;
 mod file;
@@ -22,7 +23,7 @@ use crate::interrupt;
 pub use crate::interrupt::control_flow;
 use crate::show::output;
 use crate::show::progress::Bar;
-pub use file::{differences_text, name, open, read, report_build_differences, report_interruption};
+pub use file::{create, differences_text, name, open, read, report_build_differences, report_interruption};
 
 /// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {

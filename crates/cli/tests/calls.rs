@@ -88,9 +88,14 @@ fn a_question_calls_the_system_for_its_rows_and_its_probes() {
     .enumerate()
     {
         let run = format!("{number}.sqlite");
-        bench.check(&format!("{question} --command 'python3 counted.py' --out {run}"), code);
+        let output = bench.run(&format!("{question} --command 'python3 counted.py' --out {run}"));
+        let said = bench::text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
         let (calls, rows) = (calls(&bench), rows(&bench.path(&run)));
         assert_eq!(calls, rows + PROBES, "{question}");
+        // Both are announced before the first simulation counts.
+        assert!(said.contains(&format!("at most {budget} simulations")), "{said}");
+        assert!(said.contains(&format!("after {PROBES} probes: about ")), "{said}");
         assert!(code == 1 || calls <= budget + PROBES, "{question}: {calls}");
     }
 }

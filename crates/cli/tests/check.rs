@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::bench::Bench;
+use crate::bench::{Bench, unwrapped};
 
 /// The point (0.3, -0.4) must be avoided by 0.1: `x` and `y` of a scenario give the signal.
 const CHECK: &str =
@@ -93,7 +93,7 @@ fn the_folder_has_reports_that_agree_with_the_document() {
 fn what_was_not_tested_is_marked_in_every_report() {
     let bench = Bench::new();
     write(&bench, &FINE.replace("always(X", "always(0 * X"));
-    let text = bench.check(&format!("{CHECK} --out checked"), 2);
+    let text = unwrapped(&bench.check(&format!("{CHECK} --out checked"), 2));
     let read = |name: &str| std::fs::read_to_string(bench.path(&format!("checked/{name}"))).unwrap();
     let why = "nothing that was varied changes the robustness, 10 in all";
     for shown in [text, read("report.md"), read("report.html"), read("junit.xml")] {
@@ -119,7 +119,7 @@ fn units_of_no_signal_or_against_the_target_are_refused() {
 fn what_has_no_verdict_says_why() {
     let bench = Bench::new();
     write(&bench, &FINE.replace("always(X >= -10)", "always(sqrt(X - 1) >= 0)"));
-    let text = bench.check(&format!("{CHECK} --out checked"), 2);
+    let text = unwrapped(&bench.check(&format!("{CHECK} --out checked"), 2));
     let why = "simulation 1: the formula has no finite value)";
     let page = std::fs::read_to_string(bench.path("checked/report.html")).unwrap();
     for shown in [text, page] {

@@ -1,7 +1,7 @@
 //! `mishandle compare`: two evaluations on the same scenarios and seeds.
 
 use crate::bench;
-use crate::bench::Bench;
+use crate::bench::{Bench, unwrapped};
 use mishandle::store::RunFile;
 
 const EXPERT: &str = "evaluate point-reaching --controller expert --seed 3";
@@ -46,7 +46,7 @@ fn a_worse_controller_has_new_failures_and_every_count_matches_the_rows() {
     // The listed command replays the failure.
     let replay = new[0]["replay"].as_str().unwrap().strip_prefix("mishandle ").unwrap().to_string();
     assert!(bench.check(&replay, 0).contains("robustness -"), "{replay}");
-    let text = bench.check("compare good.sqlite worse.sqlite", 1);
+    let text = unwrapped(&bench.check("compare good.sqlite worse.sqlite --verbose", 1));
     for part in
         ["action noise: A has 0, B has 1.2", "B succeeds less often", "New failures: A succeeds, B fails"]
     {

@@ -4,7 +4,7 @@ use crate::bench;
 use std::path::Path;
 use std::process::Command;
 
-use crate::bench::{Bench, text};
+use crate::bench::{Bench, text, unwrapped};
 use mishandle::controllers::Policy;
 use mishandle::store::{IfExists, RunFile, RunWriter};
 use serde_json::Value;
@@ -62,7 +62,7 @@ fn a_replay_says_the_same_scenario_of_a_run_and_of_its_exported_counterexample()
         "falsify point-reaching --controller ppo --space starts+faults-sensing --search random --trials 1";
     let said = bench.check(&format!("{asked} --budget 60 --seed 1 --out run.sqlite"), 1);
     assert!(
-        said.contains("physics: the violation remains with half the physics step (robustness -"),
+        unwrapped(&said).contains("remains with half the physics step, the other collider and the start"),
         "{said}"
     );
     let output = bench.run("regress suite --add run.sqlite -k regress.all=true");

@@ -11,6 +11,9 @@ fn a_run_and_its_repetition_are_the_same_to_the_bit() {
     bench.check("falsify toy/sphere-2d --trials 3 --budget 60 --seed 1 --threads 2 --out b.sqlite", 1);
     let text = bench.check("compare a.sqlite b.sqlite --exact", 0);
     assert!(text.contains("same to the bit: digest "), "{text}");
+    // It concludes nothing, so that a key of conclusions has no effect.
+    let key = "-k max-without-verdict=0.5";
+    bench.refuses(&format!("compare a.sqlite b.sqlite --exact {key}"), &["no effect with --exact"]);
     let found = bench.json("compare a.sqlite b.sqlite --exact --json", 0);
     let counts = &found["simulations"];
     assert_eq!((&found["same_records"], found["facts"].as_array().unwrap().len()), (&true.into(), 0));

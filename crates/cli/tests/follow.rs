@@ -126,10 +126,18 @@ fn lines_of_several_requirements_carry_their_names() {
     assert_eq!(names(&out), ["low true 1", "soft true 2", "starts false 2", "hard false 4"]);
     bench.refuses(&format!("{follow} log.csv log.csv"), &["--follow reads one log"]);
     // A requirement without its signal, or without a value, takes no verdict from the others.
-    for (other, reason) in [("other=always(g <= 1)", "`g`"), ("other=always(sqrt(f - 1) <= 9)", "sqrt")] {
+    for (other, reason, samples) in
+        [("other=always(g <= 1)", "`g`", 0), ("other=always(sqrt(f - 1) <= 9)", "sqrt", 1)]
+    {
         let output = bench.run(&format!("{follow} --requirement '{other}' log.csv"));
         assert_eq!(output.status.code(), Some(2), "{other}");
-        assert_eq!(names(&text(&output.stdout)), ["soft true 2", "starts false 2", "hard false 4"]);
+        let lines = text(&output.stdout);
+        let (first, others) = lines.split_once('\n').unwrap();
+        assert_eq!(names(others), ["soft true 2", "starts false 2", "hard false 4"]);
+        let first: Value = serde_json::from_str(first).unwrap();
+        assert_eq!((&first["event"], &first["samples"]), (&"no-verdict".into(), &samples.into()));
+        assert!(first["name"] == "other" && first["violated"].is_null(), "{first}");
+        assert!(first["reason"].as_str().unwrap().contains(reason), "{first}");
         let message = text(&output.stderr);
         assert!(message.contains("requirement other") && message.contains(reason), "{message}");
         assert!(message.contains("without a verdict: 1 requirement"), "{message}");

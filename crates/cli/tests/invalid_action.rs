@@ -3,7 +3,7 @@
 use crate::bench;
 use std::path::Path;
 
-use crate::bench::{Bench, text};
+use crate::bench::{Bench, text, unwrapped};
 use mishandle::controllers::{ControllerFile, Policy};
 use serde_json::Value;
 
@@ -60,7 +60,7 @@ fn an_infinite_action_ends_its_simulation_and_not_the_run() {
         assert_eq!((count(point, "n"), count(point, "invalid")), (1, u64::from(ends_early)), "{point}");
         assert_eq!((count(point, "diverged"), count(point, "undecided")), (0, 0));
     }
-    let text = bench.check("evaluate --resume a.sqlite", 0);
+    let text = bench.check("evaluate --resume a.sqlite --verbose", 0);
     assert!(text.contains("\n         4 simulations ended in a value that is not finite at ("), "{text}");
 
     // Resuming reads the rows of the invalid simulations, and replaying one gives the same end.
@@ -107,7 +107,9 @@ fn a_campaign_without_any_verdict_is_an_error() {
     let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{err}");
     assert!(
-        out.starts_with("none of 6 simulations has a verdict: 6 ended in a value that is not finite"),
+        unwrapped(&out).starts_with(
+            "NO VERDICT none of 6 simulations has a verdict: 6 ended in a value that is not finite"
+        ),
         "{out}"
     );
     assert!(err.contains("no simulation has a verdict"), "{err}");

@@ -1,6 +1,6 @@
 //! The smallest disturbance that breaks a controller, and its witness.
 
-use crate::bench::Bench;
+use crate::bench::{Bench, unwrapped};
 use serde_json::Value;
 
 const CAR: &str = "margin toy/car-following --space dynamics+events --budget 600";
@@ -57,12 +57,12 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
 #[test]
 fn a_safe_system_has_no_witness_and_impossible_requests_are_errors() {
     let bench = Bench::new();
-    let said = bench.check(&format!("{CAR} --formula gap>=-1000"), 0);
+    let said = unwrapped(&bench.check(&format!("{CAR} --formula 'always(gap >= -1000)'"), 0));
     assert!(
         said.contains("no violation in 600 simulations with 600 seeds, up to the largest disturbance"),
         "{said}"
     );
-    let found = bench.json(&format!("{CAR} --formula gap>=-1000 --json"), 0);
+    let found = bench.json(&format!("{CAR} --formula 'always(gap >= -1000)' --json"), 0);
     let claim = ["no_violation_up_to", "no_violation_simulations", "no_violation_seeds", "simulations"];
     assert_eq!(claim.map(|key| found[key].as_f64().unwrap()), [1.0, 600.0, 600.0, 600.0]);
     assert_eq!(found["is_random"], true);
@@ -80,11 +80,11 @@ fn only_a_deterministic_target_has_all_its_scenarios_simulated() {
     let found = bench.json(&format!("{delay} --json"), 0);
     let scenarios = found["simulations"].as_u64().unwrap();
     assert!(scenarios < 100 && found["levels"][0]["is_exhaustive"] == true, "{found}");
-    let said = bench.check(delay, 0);
+    let said = unwrapped(&bench.check(delay, 0));
     let claim = format!("no violation in {scenarios} simulations, which are all scenarios, up to");
     assert!(said.contains(&claim), "{said}");
     let car = "margin toy/car-following --space dynamics --axis braking_scale=1 --budget 110";
-    let said = bench.check(car, 0);
+    let said = unwrapped(&bench.check(car, 0));
     assert!(said.contains("no violation in 110 simulations with 110 seeds, up to the largest"), "{said}");
 }
 
@@ -102,11 +102,11 @@ fn a_random_target_with_failures_is_called_safe_by_no_seed() {
 #[test]
 fn a_failure_without_a_disturbance_is_called_so() {
     let bench = Bench::new();
-    let said = bench.check(&format!("{CAR} --formula gap>=60"), 1);
+    let said = unwrapped(&bench.check(&format!("{CAR} --formula gap>=60 --verbose"), 1));
     assert!(said.contains("the controller fails without a disturbance, after"), "{said}");
-    assert!(said.contains("witness: the nominal scenario, seed "), "{said}");
-    assert!(said.contains(": robustness -22.5000"), "{said}");
-    assert!(said.contains("the witness fails in 100 of 100 repeats") && !said.contains("luck"), "{said}");
+    assert!(said.contains("cause the nominal scenario"), "{said}");
+    assert!(said.contains(": robustness -22.5,"), "{said}");
+    assert!(said.contains("fails in 100 of 100 repeats") && !said.contains("luck"), "{said}");
     let found = bench.json(&format!("{CAR} --formula gap>=60 --json"), 1);
     assert_eq!(
         (&found["witness"]["axes"], &found["witness"]["fails_in_most_repeats"]),
@@ -116,15 +116,15 @@ fn a_failure_without_a_disturbance_is_called_so() {
 
 /// The scale of the brakes is 1 in the target; the axis allows 0.5 at most.
 #[test]
-fn the_first_line_says_from_where_it_is_measured() {
+fn the_answer_says_from_where_it_is_measured() {
     let bench = Bench::new();
-    let first = |axis: &str| {
+    let said = |axis: &str| {
         let output = bench.run(&format!("margin toy/car-following --space dynamics --budget 40{axis}"));
-        crate::bench::text(&output.stdout).lines().next().unwrap_or_default().to_string()
+        unwrapped(&crate::bench::text(&output.stdout))
     };
-    let moved = first(" --axis braking_scale=0.25:0.5");
-    assert!(moved.ends_with("measured from braking_scale = 0.5"), "{moved}");
-    let whole = first("");
+    let moved = said(" --axis braking_scale=0.25:0.5");
+    assert!(moved.contains("measured from braking_scale = 0.5"), "{moved}");
+    let whole = said("");
     assert!(whole.contains("toy/car-following") && !whole.contains("measured"), "{whole}");
 }
 
@@ -139,12 +139,41 @@ fn a_witness_that_fails_with_few_other_seeds_is_called_luck() {
         let repeats = &found["witness"]["repeats"];
         let is_most = 2 * repeats["failures"].as_u64().unwrap() > repeats["simulations"].as_u64().unwrap();
         assert_eq!(found["witness"]["fails_in_most_repeats"], is_most);
-        let said = bench.check(&format!("{CAR} --seed {seed}"), 1);
-        let headline = said.lines().find(|line| line.starts_with("smallest disturbance")).unwrap();
-        assert_eq!(headline.contains(", but not with most other seeds, after"), !is_most, "{said}");
+        let said = unwrapped(&bench.check(&format!("{CAR} --seed {seed}"), 1));
+        assert!(said.starts_with("FAILS toy/car-following"), "{said}");
+        assert_eq!(said.contains(", but not with most other seeds, after"), !is_most, "{said}");
         assert_eq!(said.contains("the luck of its seed"), !is_most, "{said}");
         assert!(said.contains(&format!("fails in {} of 100 repeats", repeats["failures"])), "{said}");
         outcomes.push(is_most);
     }
     assert!(outcomes.contains(&true) && outcomes.contains(&false), "{outcomes:?}");
+}
+
+/// A system that is violated above 0.4 and has no answer above 0.7.
+const BREAKS: &str = r#"
+import json, sys
+HELLO = {"protocol": 1, "name": "breaks", "control_dt": 1.0, "steps": 1,
+  "axes": [{"name": "a", "low": 0, "high": 1, "nominal": 0.0, "kind": "model"}],
+  "signals": [{"name": "x"}], "formulas": [{"name": "success", "text": "always(x >= 0)"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    a = 0.0 if q["type"] == "hello" else q["scenario"]["a"]
+    trace = {"x": [0.4 - a] * 2} if a <= 0.7 else {"y": [0.0] * 2}
+    answer = HELLO if q["type"] == "hello" else {"trace": trace}
+    print(json.dumps({"id": q["id"], **answer}), flush=True)
+"#;
+
+#[test]
+fn a_margin_with_a_violation_names_the_amplitude_from_which_nothing_is_claimed() {
+    let bench = Bench::new();
+    bench.write("breaks.py", BREAKS);
+    let margin = "margin --command 'python3 breaks.py' --budget 60 --out run.sqlite";
+    let said = unwrapped(&bench.check(margin, 1));
+    assert!(said.contains("a disturbance of 40 % of the way to the bounds"), "{said}");
+    let (_, claim) = said.split_once("nothing is claimed from ").unwrap();
+    let (amplitude, rest) = claim.split_once(' ').unwrap();
+    assert!((70.0..=100.0).contains(&amplitude.parse::<f64>().unwrap()), "{said}");
+    assert!(rest.starts_with("% of the way to the bounds on, where simulations have no verdict"), "{said}");
+    // An invalid answer is not called a crash.
+    assert!(said.contains("failed (crash, invalid answer or time limit)"), "{said}");
 }

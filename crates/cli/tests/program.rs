@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::bench::{Bench, SMALL, signal, text, without_run};
+use crate::bench::{Bench, SMALL, signal, text, unwrapped, without_costs, without_run};
 
 const FAST: &str = "--controller expert --seed 3";
 
@@ -20,6 +20,7 @@ fn the_help_of_every_command_has_examples() {
     for command in [
         "list",
         "init",
+        "demo",
         "monitor",
         "train",
         "controller",
@@ -196,8 +197,9 @@ fn without_a_failure_a_random_sample_bounds_the_failure_rate() {
         bound("random")
     );
     assert!(bound("sobol").is_null());
-    let said = bench.check(&safe.replace(" --json --search", " --search random"), 0);
-    assert!(said.contains("no violation in 298 uniform random samples of the space: failure rate below 1.1 % (95 % confidence)"), "{said}");
+    let said = unwrapped(&bench.check(&safe.replace(" --json --search", " --search random"), 0));
+    let bound = "fewer than 1.1 % of the scenarios of this space fail (95 % confidence, from 298 uniform random samples)";
+    assert!(said.contains(bound), "{said}");
     let found = bench.json("falsify toy/sphere-2d --trials 2 --json", 1);
     assert!(found["failure_rate_bound"].is_null() && found["smooth_region"].is_null());
 }
@@ -214,7 +216,7 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
     let region = bench.json(&format!("{safe} --json"), 0)["smooth_region"].clone();
     let slope = region["slope"].as_f64().unwrap();
     assert!(slope > 1.9 && slope < 3.0 && region["covered"].as_f64().unwrap() > 0.99, "{region}");
-    let said = bench.check(safe, 0);
+    let said = unwrapped(&bench.check(safe, 0));
     assert!(
         said.contains("if no part of the formula is steeper than the samples show")
             && said.contains("no scenario in 99 % of the space fails"),
@@ -601,7 +603,7 @@ fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
         wait_for_rows(&bench.path(&run), 32);
         signal(&child, name);
         let output = child.wait_with_output().unwrap();
-        let err = text(&output.stderr);
+        let err = without_costs(&text(&output.stderr));
         assert_eq!(output.status.code(), Some(130), "{err}");
         assert!(err.starts_with("finishing the running simulations; press Ctrl-C again"), "{err}");
         assert!(output.stdout.is_empty());
@@ -720,7 +722,10 @@ fn a_second_signal_stops_a_long_batch_immediately() {
     signal(&child, "INT");
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
-    stderr.read_line(&mut line).unwrap();
+    while without_costs(&line).is_empty() {
+        line.clear();
+        assert!(stderr.read_line(&mut line).unwrap() > 0);
+    }
     assert!(line.starts_with("finishing the running simulations"), "{line}");
     signal(&child, "INT");
     assert_eq!(child.wait().unwrap().code(), Some(130));
@@ -739,8 +744,8 @@ fn an_evaluation_reports_the_region_of_its_initial_states() {
         let output = bench.run(&format!("{evaluate} evaluate.box={part}"));
         let out = text(&output.stdout);
         let err = text(&output.stderr);
-        let header = out.lines().next().unwrap();
-        assert_eq!(header.contains("initial states from the reachable part of the box"), named, "{header}");
+        let said = unwrapped(&out);
+        assert_eq!(said.contains("random scenarios from the reachable part of the box"), named, "{said}");
         assert_eq!(err.contains(note), named, "{err}");
         assert_eq!(bench.json(&format!("{evaluate} evaluate.box={part} --json"), 0)["box"], part);
     }
@@ -810,9 +815,9 @@ fn simulations_without_a_finite_robustness_do_not_stop_a_campaign() {
 fn a_single_episode_gives_means_without_intervals() {
     let bench = Bench::new();
     let table = bench.check(&format!("evaluate point-reaching {FAST} --episodes 1"), 0);
-    let row = table.lines().find(|line| line.starts_with("task completion time")).unwrap();
+    let row = table.lines().find(|line| line.starts_with("completed at")).unwrap();
     let cells: Vec<&str> = row.split_whitespace().collect();
-    assert!(row.contains("control steps (") && cells[cells.len() - 2..] == ["-", "1"], "{row}");
+    assert!(row.contains(" s ") && cells[cells.len() - 3..] == ["-", "1", "-"], "{row}");
 }
 
 #[test]
@@ -843,7 +848,7 @@ fn a_run_that_exceeds_the_limit_on_file_sizes_is_one_error_and_can_be_resumed() 
         let program = env!("CARGO_BIN_EXE_mishandle");
         let limited = format!("ulimit -f {blocks}; exec '{program}' {evaluate} --out {out}");
         let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
-        let err = text(&output.stderr);
+        let err = without_costs(&text(&output.stderr));
         assert_eq!(output.status.code(), Some(2), "{err}");
         assert!(err.starts_with(&format!("error: cannot write {out}: ")), "{err}");
         assert_eq!(err.matches("I/O error").count(), 1, "{err}");

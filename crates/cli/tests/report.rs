@@ -13,12 +13,14 @@ fn a_page_has_the_verdict_the_modes_and_their_patches() {
     bench.check("report run.sqlite --out a.html", 0);
     let html = page(&bench, "a.html");
     for part in [
-        "<h2>toy/sphere-2d violates its requirement in 6 of 12 trials.",
+        "<h2>toy/sphere-2d fails at 0.00 s with ",
+        "<p>toy/sphere-2d violates its requirement in 6 of 12 trials.",
         "median of 57 simulations",
-        "Mode 1: moved toward nominal, <code>distance &gt;= 0.1</code>",
+        "<h4>1: with ",
+        "<code>distance &gt;= 0.1</code> is violated",
         "95 % interval",
         "Corners",
-        "mishandle replay run.sqlite --trial 10 --simulation 47",
+        "mishandle replay run.sqlite --trial ",
     ] {
         assert!(html.contains(part), "{part} is not in the page");
     }
@@ -39,13 +41,16 @@ fn several_runs_share_a_page() {
     bench.check("evaluate toy/sphere-2d --episodes 20 --out b.sqlite", 0);
     let output = bench.run("report a.sqlite b.sqlite --out page.html");
     assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("wrote page.html"), "{}", text(&output.stderr));
+    for said in ["page of a.sqlite: at most ", " simulations\n", "wrote page.html"] {
+        assert!(text(&output.stderr).contains(said), "{said}: {}", text(&output.stderr));
+    }
+    assert!(!bench.path("a.sqlite.report").exists(), "what took a moment is not kept");
     let html = page(&bench, "page.html");
     for part in [
         "<h2>Overview</h2>",
         "href=\"#r2\"",
         "id=\"r2\"",
-        "<h2>toy/car-following violates",
+        "<h2>toy/car-following fails at ",
         "random scenarios",
     ] {
         assert!(html.contains(part), "{part} is not in the page");
@@ -75,6 +80,8 @@ fn a_campaign_has_an_index_and_a_page_for_each_run() {
     assert!(counts[0] != counts[1], "the order of the runs must be visible: {counts:?}");
     for pages in ["first", "second"] {
         let index = page(&bench, &format!("{pages}/index.html"));
+        // The matrix above the table has the links, too.
+        let index = index.split("Runs, the most failures first").last().unwrap();
         let place = |seed: usize| {
             let row = format!("href=\"runs/{seed}_falsify.html\"");
             let start = index.find(&row).unwrap();
@@ -83,7 +90,7 @@ fn a_campaign_has_an_index_and_a_page_for_each_run() {
             start
         };
         assert_eq!(place(1) < place(2), counts[0] > counts[1], "the most failures come first");
-        assert!(index.contains("href=\"statistics.html\""));
+        assert!(page(&bench, &format!("{pages}/index.html")).contains("href=\"statistics.html\""));
         for name in ["statistics.html", "statistics.md", "runs/2_evaluate.html"] {
             assert!(bench.path(&format!("{pages}/{name}")).is_file(), "{pages}/{name}");
         }

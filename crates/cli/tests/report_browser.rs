@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
 /// A browser that is controlled over a pair of pipes.
-struct Browser {
+pub struct Browser {
     child: Child,
     commands: File,
     answers: BufReader<File>,
@@ -40,7 +40,7 @@ impl Browser {
         assert!(Command::new("mkfifo").args([&commands, &answers]).status().unwrap().success());
         // The browser reads commands from descriptor 3 and writes answers to descriptor 4.
         // `timeout` ends one that hangs.
-        let script = "exec timeout 1200 \"$0\" --headless=new --no-sandbox --disable-gpu --hide-scrollbars \
+        let script = "exec timeout 1200 \"$0\" --headless=new --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --hide-scrollbars \
              --no-first-run --disable-dev-shm-usage --user-data-dir=\"$3\" --remote-debugging-pipe 3<\"$1\" 4>\"$2\"";
         let child = Command::new("sh")
             .args(["-c", script, name])
@@ -87,15 +87,21 @@ impl Browser {
         serde_json::from_slice(&bytes).unwrap()
     }
 
-    fn evaluate(&mut self, script: &str) -> Value {
+    pub fn evaluate(&mut self, script: &str) -> Value {
         let result =
             self.call("Runtime.evaluate", json!({ "expression": script, "returnByValue": true }))["result"]
                 .clone();
         result["value"].clone()
     }
 
+    /// Evaluates a script that returns a promise, and returns its value.
+    pub fn wait(&mut self, script: &str) -> Value {
+        let how = json!({ "expression": script, "returnByValue": true, "awaitPromise": true });
+        self.call("Runtime.evaluate", how)["result"]["value"].clone()
+    }
+
     /// Opens a file in a window of this size, and returns what went wrong on the way.
-    fn open(&mut self, path: &Path, [width, height]: [u32; 2], theme: &str) -> Vec<String> {
+    pub fn open(&mut self, path: &Path, [width, height]: [u32; 2], theme: &str) -> Vec<String> {
         self.call(
             "Emulation.setDeviceMetricsOverride",
             json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false }),
@@ -126,7 +132,7 @@ impl Browser {
         self.events.iter().filter_map(problem).collect()
     }
 
-    fn screenshot(&mut self, file: &Path) {
+    pub fn screenshot(&mut self, file: &Path) {
         let shot =
             self.call("Page.captureScreenshot", json!({ "captureBeyondViewport": true, "format": "png" }));
         let text = shot["data"].as_str().unwrap();
@@ -147,6 +153,7 @@ impl Drop for Browser {
 
 /// A script that returns facts about the open page.
 const FACTS: &str = "(() => {
+    for (const part of document.querySelectorAll('details')) part.open = true;
     const luminance = color => { const [r, g, b] = color.match(/[0-9.]+/g).map(Number); return (r + g + b) / 765 };
     const style = (element, property) => getComputedStyle(element).getPropertyValue(property);
     const charts = [...document.querySelectorAll('svg.chart')];
@@ -172,7 +179,7 @@ const FACTS: &str = "(() => {
 })()";
 
 /// Starts the browser and makes the folder of the screenshots. Says so if there is no browser.
-fn start(bench: &Bench) -> Option<(Browser, PathBuf)> {
+pub fn start(bench: &Bench) -> Option<(Browser, PathBuf)> {
     let Some(browser) = Browser::start(bench) else {
         eprintln!("skipped: there is no Chromium; install it with `apt install chromium`");
         return None;

@@ -72,7 +72,7 @@ fn the_robot_has_a_margin_without_a_space_and_is_found_without_its_ending() {
     for (name, text) in blocks("file") {
         bench.write(&name, &text);
     }
-    let found = bench.run("margin cartpole.toml --budget 60");
+    let found = bench.run("margin cartpole.toml --budget 60 --verbose");
     let output = bench::text(&found.stdout) + &bench::text(&found.stderr);
     assert!(matches!(found.status.code(), Some(0 | 1)), "{output}");
     assert!(output.contains("space disturbance (6 axes)"), "{output}");

@@ -93,7 +93,7 @@ const HARDENINGS: &str = "target = 'cartpole.toml'\ncontroller = './start.safete
                           searches = ['random']\nbudget = 8\nvalidation = 4\nepisodes = 4\nrisk = 100\nmargin = 10\n";
 
 /// Training settings with which an iteration takes few steps.
-const SETTINGS: &str = "rollout_steps = 8\nepisodes.environments = 16\nrun.validation_episodes = 2\nrun.validation_interval = 2\n\
+pub const SETTINGS: &str = "rollout_steps = 8\nepisodes.environments = 16\nrun.validation_episodes = 2\nrun.validation_interval = 2\n\
                         policy = { hidden = [64, 64], activation = 'elu' }\n";
 
 /// Runs a command, sends it a signal when a path exists, and returns its exit code and stderr.

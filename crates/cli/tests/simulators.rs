@@ -139,7 +139,7 @@ fn the_reason_of_a_crash_is_in_the_text_the_document_the_replay_and_the_report()
     let bench = bench();
     let set = "--axis outlet=blocked --axis inflow=0.9:1.0";
     let said = bench.check(&format!("evaluate {COMMAND} {set} --episodes 20 --out run.sqlite"), 0);
-    assert!(said.contains("crashed: ") && said.contains("the pump is too hot"), "{said}");
+    assert!(said.contains("failed: ") && said.contains("the pump is too hot"), "{said}");
     let found = bench.json(&format!("evaluate {COMMAND} {set} --episodes 20 --json"), 0);
     let reasons = found["reasons"].as_array().unwrap();
     assert_eq!(reasons.len(), 1);
@@ -209,7 +209,7 @@ fn a_counterexample_of_a_start_moves_toward_nominal() {
     let bench = Bench::new();
     bench.write("room.py", &room("a = {'trace': {'temp': [t0, t0]}}"));
     let said = bench.check("falsify --command 'python3 room.py' --trials 1 --seed 1 --out run.sqlite", 1);
-    let moved = said.lines().find(|line| line.starts_with("moved toward nominal")).expect(&said);
+    let moved = said.lines().find(|line| line.starts_with("cause ")).expect(&said);
     let value = moved.split("t0 = ").nth(1).and_then(|rest| rest.split(' ').next()).expect(moved);
     // It fails below 16, and the search found it at the bound 10.
     let value: f64 = value.parse().unwrap();

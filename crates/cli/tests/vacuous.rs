@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use crate::bench::{Bench, text};
+use crate::bench::{Bench, text, unwrapped};
 
 /// The truth about a requirement in each simulation of `toy/car-following`: gap and speed begin at
 /// 15 or more, the speed is never negative, and no gap is below -50 m or above 500 m.
@@ -48,7 +48,7 @@ fn asks(bench: &Bench, command: &str, truth: Truth, violated: i32, found: impl F
         Violated => violated,
     };
     let output = bench.run(&command.replace("OUT", "text"));
-    let shown = text(&output.stdout);
+    let shown = unwrapped(&text(&output.stdout));
     assert_eq!(output.status.code(), Some(code), "{command}\n{shown}\n{}", text(&output.stderr));
     let document = bench.json(&format!("{} --json", command.replace("OUT", "json")), code);
     let reason = found(&document);
@@ -205,4 +205,58 @@ fn severities_and_violations_decide_the_exit_code() {
     }
     let both = "--requirement 'N=gap >= 2' --requirement 'V=always(gap >= 1000)'";
     bench.check(&format!("evaluate toy/car-following {both} --episodes 5 --out e.sqlite"), 1);
+}
+
+/// A program whose success is a formula over the signals of the toy.
+const PROGRAM: &str = r#"
+import json, sys
+HELLO = {"protocol": 1, "name": "car", "control_dt": 1.0, "steps": 1,
+  "axes": [{"name": "start", "low": 15, "high": 60, "nominal": 30}],
+  "signals": [{"name": "gap"}, {"name": "speed"}], "formulas": [{"name": "success", "text": "FORMULA"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    gap = 0.0 if q["type"] == "hello" else q["scenario"]["start"]
+    answer = HELLO if q["type"] == "hello" else {"trace": {"gap": [gap, gap], "speed": [1.0, 1.0]}}
+    print(json.dumps({"id": q["id"], **answer}), flush=True)
+"#;
+
+/// Questions that conclude something conclude nothing if all of their simulations ask nothing.
+#[test]
+fn a_question_that_concludes_says_first_that_nothing_was_asked() {
+    for (formula, truth) in [
+        ("gap >= 2", Nothing(FIRST)),
+        ("always(gap <= -60 implies speed <= 0)", Nothing("its premise `gap <= -60` does not hold")),
+        ("always(gap >= -50)", Something),
+    ] {
+        let bench = Bench::new();
+        let reason = |found: &Value| found["asks_nothing"].as_str().map(String::from);
+        let question = format!("toy/car-following --formula '{formula}' --seed 2");
+        let risk = "-k risk.method=monte-carlo -k risk.simulations=100";
+        asks(&bench, &format!("risk {question} {risk} --out risk-OUT.sqlite"), truth, 1, reason);
+        bench.write("car.py", &PROGRAM.replace("FORMULA", formula));
+        let evaluate = "evaluate --command 'python3 car.py' --episodes 5 -k evaluate.control=false";
+        let code = if matches!(truth, Nothing(_)) { 2 } else { 0 };
+        bench.check(&format!("{evaluate} --out a.sqlite"), code);
+        asks(&bench, "compare a.sqlite a.sqlite", truth, 1, reason);
+        let margin = format!("margin {question} --space dynamics+events --budget 20 --out margin-OUT.sqlite");
+        asks(&bench, &margin, truth, 1, reason);
+        let plan = format!(
+            "target = 'toy/car-following'\nspace = 'starts'\nmetamorphic.formula = '{formula}'\nmetamorphic.pairs = 5\n\
+             metamorphic.relations.r = {{ holds = 'same-verdict', change = {{ gap = '+1' }} }}\n"
+        );
+        bench.write("relations.toml", &plan);
+        let said = bench.check("run relations.toml --out relations.sqlite", code);
+        assert_eq!(said.contains("asks nothing"), code == 2, "{said}");
+        // A counterexample of another formula, with this one in its place.
+        let violated = "always(gap >= 1000)";
+        let search = "--search random --trials 1 --budget 5 -k falsify.isolate=false -k report.repeats=0";
+        bench
+            .check(&format!("falsify toy/car-following --formula '{violated}' {search} --out run.sqlite"), 1);
+        bench.check("regress suite --add run.sqlite", 0);
+        let file = std::fs::read_dir(bench.path("suite")).unwrap().next().unwrap().unwrap().path();
+        let known = std::fs::read_to_string(&file).unwrap();
+        assert!(known.contains(violated), "{known}");
+        std::fs::write(&file, known.replace(violated, formula)).unwrap();
+        asks(&bench, "regress suite", truth, 1, |found| reason(&found["tests"][0]));
+    }
 }

@@ -2,7 +2,7 @@
 //! other end is not a success, nothing without any verdict is a result, and a search whose first
 //! simulations all fail stops.
 
-use crate::bench::{Bench, text};
+use crate::bench::{Bench, text, unwrapped};
 use serde_json::Value;
 
 /// A simulator that ends as the function `end` of its file says.
@@ -104,12 +104,38 @@ fn nothing_without_a_verdict_is_a_result() {
     }
 }
 
+/// Of simulations without a verdict, no line says that a requirement holds or fails.
+#[test]
+fn no_line_concludes_from_simulations_without_a_verdict() {
+    for (end, answer, _) in ENDS {
+        for condition in ["True", "a < 0.5"] {
+            let bench = bench(condition, answer);
+            for question in
+                ["evaluate --episodes 12", "falsify --trials 1 --budget 12", "risk --simulations 12"]
+            {
+                let said = unwrapped(&text(&bench.run(&format!("{question} {COMMAND}")).stdout));
+                let is_tested = condition != "True";
+                assert!(
+                    is_tested || said.is_empty() || said.starts_with("NO VERDICT "),
+                    "{end} {question}: {said}"
+                );
+                // An invalid start is in no rate.
+                assert!(end == "invalid" || !said.starts_with("HOLDS "), "{end} {question}: {said}");
+                assert!(
+                    said.is_empty() || said.contains("verdict") || end == "invalid",
+                    "{question}: {said}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn tables_and_pages_have_no_verdict_instead_of_failures() {
     let bench = bench("True", "{'error': 'no license'}");
     let out = text(&bench.run(&format!("evaluate {COMMAND} --episodes 2 --out e.sqlite")).stdout);
-    assert!(out.contains("corners  no verdict, the center has no verdict\n"), "{out}");
-    assert!(!out.contains("0.00 %") && !out.contains("fail"), "{out}");
+    assert!(out.starts_with("NO VERDICT "), "{out}");
+    assert!(!out.contains("0 %") && !out.contains("FAILS") && !out.contains("violat"), "{out}");
     bench.check("report e.sqlite --out r.html", 0);
     let page = std::fs::read_to_string(bench.path("r.html")).unwrap();
     let sentence =

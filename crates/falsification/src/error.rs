@@ -98,8 +98,8 @@ pub enum FalsificationError {
     },
     /// A complete episode leaves the formula undecided, so every other episode would too.
     #[error(
-        "simulation {number} of trial {trial} is complete but leaves the formula undecided; \
-         the intervals of the formula must be within the episode"
+        "simulation {number} of trial {trial} is complete but leaves the formula undecided: at its first sample, the formula \
+         reads samples after the end of the episode (a window that is too long) or before its start (`prev`)"
     )]
     Undecidable {
         /// Number of the trial.

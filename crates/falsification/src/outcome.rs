@@ -58,7 +58,7 @@ pub struct TrialOutcome {
     /// Number of simulations that ended because the controller or the environment returned a value
     /// that is not finite.
     pub invalid: u32,
-    /// Number of simulations that could not start, crashed or took too long.
+    /// Number of simulations that could not start or failed: crash, invalid answer or time limit.
     pub failed: u32,
     /// Number of other simulations that left the formula undecided.
     pub undecided: u32,
@@ -176,7 +176,7 @@ pub struct FalsificationOutcome {
     /// Number of simulations that ended because the controller or the environment returned a value
     /// that is not finite.
     pub invalid: u64,
-    /// Number of simulations that could not start, crashed or took too long.
+    /// Number of simulations that could not start or failed: crash, invalid answer or time limit.
     pub failed: u64,
     /// Number of other simulations that left the formula undecided.
     pub undecided: u64,

@@ -63,6 +63,6 @@ pub use mishandle_stl::{DenseSignal, Interpolation};
 pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
 pub use requirement::{NamedSamples, Requirement, document, tell_apart, worst_first};
 pub use samples::{Run, Samples, Signals, restarts};
-pub use stamp::seconds_and_nanoseconds;
+pub use stamp::seconds_and_rest;
 pub use times::Times;
 pub use verdict::{At, Evaluation, Interval, Part, Predicate, Verdict};

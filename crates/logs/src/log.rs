@@ -229,20 +229,20 @@ impl OpenLog {
             Some(name) => Some(named_column(table, name, "time")?),
             None => column(table, TIME)?.or(table.known_time().map(|(column, _)| column)),
         };
-        Ok(one.map(|times| TimeColumns { times, nanoseconds: None }))
+        Ok(one.map(|times| TimeColumns { times, rest: None }))
     }
 
     /// Adds the columns with the times, if there are some, to those that are read.
     fn add_times(&self, table: &dyn Table, found: Option<TimeColumns>, sinks: &mut Sinks) {
-        let Some(TimeColumns { times, nanoseconds }) = found else { return };
+        let Some(TimeColumns { times, rest }) = found else { return };
         let counted = table.counted();
         let known = table.known_time().filter(|(known, _)| *known == times).map(|(_, unit)| unit);
-        let unit = known.or(nanoseconds.map(|_| Unit::Seconds));
+        let unit = known.or(rest.map(|_| Unit::Seconds));
         let name = &table.names()[times];
         sinks.columns.push((times, Sink::Times(TimeColumn::new(name, unit, &self.options, counted))));
-        if let Some(column) = nanoseconds {
+        if let Some((column, unit)) = rest {
             let drops = self.options.missing == Missing::Drop;
-            let rest = NanosecondColumn::new(&table.names()[column], drops, counted);
+            let rest = NanosecondColumn::new(&table.names()[column], unit, drops, counted);
             sinks.columns.push((column, Sink::Nanoseconds(rest)));
         }
     }

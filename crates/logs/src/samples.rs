@@ -2,6 +2,7 @@
 //! resampling and dense time.
 
 pub(crate) mod align;
+pub(crate) mod clock;
 mod runs;
 
 use std::sync::Arc;
@@ -14,7 +15,6 @@ use crate::error::{Result, content, dense, drop_missing, hold_or_drop, keep_one,
 use crate::log::{Column, Log, Topic};
 use crate::options::{Duplicates, Missing, Options, Sampling};
 use crate::times::{FAR, Times};
-pub(crate) use runs::SURE;
 pub use runs::{Run, restarts};
 
 /// The samples of a log.

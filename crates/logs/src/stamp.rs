@@ -1,5 +1,5 @@
-//! Times in two columns: whole seconds, and the nanoseconds after them, as in messages of ROS and
-//! Protobuf.
+//! Times in two columns: whole seconds, and the nano-, micro- or milliseconds after them, as in
+//! messages of ROS and Protobuf and in the `timeval` of POSIX.
 
 use mishandle_text::{number_text, visible};
 
@@ -8,9 +8,15 @@ use crate::error::{Result, content};
 use crate::place::Counted;
 use crate::times::{FAR, Times, to_nanoseconds};
 
-/// Words for the column with whole seconds, and for the one with the rest.
-const SECONDS: [&str; 3] = ["sec", "secs", "seconds"];
-const NANOSECONDS: [&str; 6] = ["nanosec", "nanosecs", "nsec", "nsecs", "nanos", "nanoseconds"];
+/// Words for the column with whole seconds.
+const SECONDS: [&str; 5] = ["sec", "secs", "seconds", "s", "time"];
+
+/// Words for the column with the rest, and the nanoseconds of its unit.
+const RESTS: [(&[&str], i64); 3] = [
+    (&["nanosec", "nanosecs", "nsec", "nsecs", "nanos", "nanoseconds", "ns"], 1),
+    (&["microsec", "microsecs", "usec", "usecs", "micros", "microseconds", "us"], 1_000),
+    (&["millisec", "millisecs", "msec", "msecs", "millis", "milliseconds", "ms"], 1_000_000),
+];
 
 /// Characters between the name of a field and that of its part.
 const SEPARATORS: [char; 4] = ['/', '.', '_', ' '];
@@ -23,45 +29,48 @@ const SECOND: i64 = 1_000_000_000;
 pub(crate) struct TimeColumns {
     /// The column with the times, or with their whole seconds.
     pub(crate) times: usize,
-    /// The column with the nanoseconds after the whole seconds.
-    pub(crate) nanoseconds: Option<usize>,
+    /// The column with the rest of the times, and the nanoseconds of its unit.
+    pub(crate) rest: Option<(usize, i64)>,
 }
 
 impl TimeColumns {
     pub(crate) fn has(self, column: usize) -> bool {
-        self.times == column || self.nanoseconds == Some(column)
+        self.times == column || self.rest.is_some_and(|(rest, _)| rest == column)
     }
 }
 
-/// Returns the columns of seconds and nanoseconds that a name means: one of both, or the field that
-/// has both.
+/// Returns the columns of whole seconds and of the rest that a name means: one of both, or the
+/// field that has both.
 pub(crate) fn columns(names: &[String], name: &str) -> Option<TimeColumns> {
     let at = |name: String| names.iter().position(|known| *known == name);
     let pair = |field: &str| {
         let find = |words: &[&str]| words.iter().find_map(|word| at(format!("{field}{word}")));
-        Some(TimeColumns { times: find(&SECONDS)?, nanoseconds: Some(find(&NANOSECONDS)?) })
+        let rest = RESTS.iter().find_map(|(words, unit)| Some((find(words)?, *unit)));
+        Some(TimeColumns { times: find(&SECONDS)?, rest: Some(rest?) })
     };
     let start = name.rfind(SEPARATORS).map_or(0, |separator| separator + 1);
     let (field, part) = name.split_at(start);
-    if SECONDS.contains(&part) || NANOSECONDS.contains(&part) {
+    if SECONDS.contains(&part) || RESTS.iter().any(|(words, _)| words.contains(&part)) {
         return pair(field);
     }
     let is_column = names.iter().any(|known| known == name);
     SEPARATORS.iter().filter(|_| !is_column).find_map(|separator| pair(&format!("{name}{separator}")))
 }
 
-/// Returns the places of the columns with whole seconds and with the nanoseconds after them that a
-/// name of times means; `None` if it means one column.
-pub fn seconds_and_nanoseconds(names: &[String], name: &str) -> Option<(usize, usize)> {
-    let TimeColumns { times, nanoseconds } = columns(names, name)?;
-    Some((times, nanoseconds?))
+/// Returns the places of the columns with whole seconds and with the rest that a name of times
+/// means, and the nanoseconds of the unit of the rest; `None` if it means one column.
+pub fn seconds_and_rest(names: &[String], name: &str) -> Option<(usize, usize, i64)> {
+    let TimeColumns { times, rest } = columns(names, name)?;
+    rest.map(|(rest, unit)| (times, rest, unit))
 }
 
 /// The nanoseconds of the rows after their whole seconds while they are read; `None` where a row
-/// has none.
+/// has none. The column may count microseconds or milliseconds.
 #[derive(Clone, Debug)]
 pub(crate) struct NanosecondColumn {
     name: String,
+    /// Nanoseconds of a unit of the column.
+    unit: i64,
     counted: Counted,
     /// Whether rows without a time are left out.
     drops: bool,
@@ -71,8 +80,8 @@ pub(crate) struct NanosecondColumn {
 }
 
 impl NanosecondColumn {
-    pub(crate) fn new(name: &str, drops: bool, counted: Counted) -> NanosecondColumn {
-        NanosecondColumn { name: visible(name), counted, drops, values: Vec::new(), origin: None }
+    pub(crate) fn new(name: &str, unit: i64, drops: bool, counted: Counted) -> NanosecondColumn {
+        NanosecondColumn { name: visible(name), unit, counted, drops, values: Vec::new(), origin: None }
     }
 
     pub(crate) fn push(&mut self, cell: Cell<'_>, at: u64) -> Result<()> {
@@ -83,15 +92,17 @@ impl NanosecondColumn {
             Cell::Text(text) => text.parse().ok(),
             Cell::Missing | Cell::Time(..) => None,
         };
-        let is_rest = |value: &f64| (0.0..SECOND as f64).contains(value) && value.fract() == 0.0;
+        let units = SECOND / self.unit;
+        let is_rest = |value: &f64| (0.0..units as f64).contains(value) && value.fract() == 0.0;
         match value {
-            Some(value) if is_rest(&value) => self.values.push(Some(value as i64)),
+            Some(value) if is_rest(&value) => self.values.push(Some(value as i64 * self.unit)),
             Some(_) | None if !(self.drops && value.is_none_or(f64::is_nan)) => {
                 return Err(content(format!(
-                    "{}: `{}` is `{}`; nanoseconds after whole seconds are integers from 0 to 999999999",
+                    "{}: `{}` is `{}`; what comes after whole seconds are integers from 0 to {}",
                     self.counted.text(at),
                     self.name,
-                    shown(cell)
+                    shown(cell),
+                    units - 1
                 )));
             }
             _ => self.values.push(None),
@@ -131,7 +142,7 @@ fn check_whole(nanoseconds: i128, seconds: &Times, row: usize) -> Result<i128> {
         return Ok(nanoseconds);
     }
     Err(content(format!(
-        "{}: `{}` is {}; seconds with nanoseconds in another column must be whole",
+        "{}: `{}` is {}; seconds with a rest in another column must be whole",
         seconds.places.text(row),
         seconds.column(),
         number_text(nanoseconds as f64 / SECOND as f64)
@@ -145,10 +156,12 @@ mod tests {
     #[test]
     fn a_name_means_both_columns() {
         let names: Vec<String> =
-            ["x", "header/stamp/sec", "header/stamp/nanosec", "t.secs", "t.nsecs", "sec", "nanosec", "a_sec"]
+            "x header/stamp/sec header/stamp/nanosec t.secs t.nsecs sec nanosec a_sec tv_sec tv_usec k.s k.ms"
+                .split(' ')
                 .map(String::from)
-                .to_vec();
-        let both = |times, nanoseconds| Some(TimeColumns { times, nanoseconds: Some(nanoseconds) });
+                .collect();
+        let of = |times, rest, unit| Some(TimeColumns { times, rest: Some((rest, unit)) });
+        let both = |times, rest| of(times, rest, 1);
         for (name, expected) in [
             ("header/stamp/sec", both(1, 2)),
             ("header/stamp/nanosec", both(1, 2)),
@@ -156,6 +169,8 @@ mod tests {
             ("t", both(3, 4)),
             ("t.secs", both(3, 4)),
             ("sec", both(5, 6)),
+            ("tv_sec", of(8, 9, 1_000)),
+            ("k", of(10, 11, 1_000_000)),
             ("x", None),
             ("a_sec", None),
             ("header", None),

@@ -9,6 +9,7 @@ use mishandle_text::{number_text, visible};
 
 use crate::error::{LogError, Result, content, name_time, resample, state_period, undecided};
 use crate::samples::{Samples, Signals};
+use crate::unit_name::unit_in;
 
 /// Periods in which bounds of formulas in dense time are whole numbers, s.
 const TICKS: [f64; 3] = [1e-9, 1e-6, 1e-3];
@@ -136,8 +137,17 @@ impl Samples {
         if by_first {
             return Some(Vacuity::FirstSample);
         }
-        let vacuous = self.robustness_signal(&formula.vacuous()?, evaluation).ok()?;
-        vacuous.first().is_some_and(|(_, value)| is_satisfied(*value)).then_some(Vacuity::Premise)
+        let first = |formula: &Formula| {
+            let values = self.robustness_signal(formula, evaluation).ok()?;
+            values.first().map(|(_, value)| *value)
+        };
+        if formula.vacuous().is_some_and(|vacuous| first(&vacuous).is_some_and(is_satisfied)) {
+            return Some(Vacuity::Premise);
+        }
+        let parts = formula.demands();
+        let asks_nothing =
+            |part: &Formula| first(part) == Some(f64::INFINITY) || self.vacuity(part, evaluation).is_some();
+        (parts.len() > 1 && parts.iter().all(asks_nothing)).then_some(Vacuity::Parts)
     }
 
     /// Returns how the bounds of a formula count the samples; `None` in dense time.
@@ -217,8 +227,18 @@ fn clock(
                 return Err(undecided([state_period()], format!("{needs}, but the trace has one sample")));
             }
             let time = typed.map_or_else(name_time, |name| {
-                Remedy::set(Key::LOG_TIME, Choice::Text(name.to_owned()))
-                    .when(format!("the column `{name}` has the times in seconds"))
+                let (unit, key): (_, &'static [&'static str]) = match unit_in(name) {
+                    None => (" in seconds", &[]),
+                    Some("nanoseconds") => (" in nanoseconds", &["ns"]),
+                    Some("microseconds") => (" in microseconds", &["us"]),
+                    Some("milliseconds") => (" in milliseconds", &["ms"]),
+                    // Times are never in minutes.
+                    Some(_) => ("", &[]),
+                };
+                let unit_key = (!key.is_empty()).then_some((Key::LOG_TIME_UNIT, Choice::OneOf(key)));
+                let column = (Key::LOG_TIME, Choice::Text(name.to_owned()));
+                Remedy::Set([column].into_iter().chain(unit_key).collect())
+                    .when(format!("the column `{name}` has the times{unit}"))
             });
             Err(undecided([state_period(), time], format!("{needs}, but the trace has no column `time`")))
         }

@@ -295,6 +295,18 @@ fn a_clock_that_starts_again_is_several_logs() {
     let uneven = runs("time,d\n0,1\n1,1\n2,1\n0,1\n1,1\n1.2,1\n", &Options::default());
     let uneven = uneven.expect_err("uneven").to_string();
     assert!(uneven.starts_with("run 2 of 2, line 5 to line 7: samples must be evenly spaced"), "{uneven}");
+    // The second run starts in the middle of the first one, and its first row violates d <= 2.
+    let row = |(time, d): (i32, i32)| format!("{time},{d}\n");
+    let first = (0..=10).map(|time| (time, 1));
+    let second = (5..=12).map(|time| (time, if time == 5 { 9 } else { 1 }));
+    let text = format!("time,d\n{}", first.chain(second).map(row).collect::<String>());
+    let seconds = [vec![1.0; 11], [&[9.0][..], &[1.0; 7]].concat()];
+    for options in
+        [Options::default(), Options { sort: true, duplicates: Duplicates::Last, ..Options::default() }]
+    {
+        let values = found(&text, &options).into_iter().map(|(_, values)| values);
+        assert!(values.eq(seconds.clone()), "{options:?}");
+    }
     // One run has the name of the log; a late row is not a run, and with rows in the wrong order
     // nothing says which it is.
     assert_eq!(found("time,d\n0,1\n1,2\n", &Options::default())[0].0, "a.csv");
@@ -302,6 +314,7 @@ fn a_clock_that_starts_again_is_several_logs() {
     assert_eq!(found("time,d\n0,1\n2,3\n1,2\n3,4\n", &sorted)[0].1, [1.0, 2.0, 3.0, 4.0]);
     let part = "if its clock starts again there, cut the log into two";
     asks("time,d\n10,1\n11,1\n0,1\n1,1\n", &Options::default(), Key::LOG_SORT, part);
+    assert_eq!(found("time,d\n10,1\n11,1\n0,1\n1,1\n2,1\n", &Options::default()).len(), 2);
     // Topics have as many runs.
     let topics = "time,topic,d\n0,a,1\n1,a,1\n0,b,1\n1,b,1\n0,a,1\n1,a,1\n";
     let by_topic = Options { topic_column: Some("topic".to_owned()), ..dense(HOLD) };
@@ -337,9 +350,9 @@ fn seconds_and_nanoseconds_in_two_columns_are_one_time() {
     for (row, part) in [
         (
             "10,1000000000,0",
-            "line 2: `header.stamp.nanosec` is `1000000000`; nanoseconds after whole seconds",
+            "line 2: `header.stamp.nanosec` is `1000000000`; what comes after whole seconds are integers from 0 to 999999999",
         ),
-        ("10.5,0,0", "line 2: `header.stamp.sec` is 10.5; seconds with nanoseconds in another column"),
+        ("10.5,0,0", "line 2: `header.stamp.sec` is 10.5; seconds with a rest in another column"),
         ("10,,0", "line 2: `header.stamp.nanosec` is ``"),
     ] {
         let text = format!("header.stamp.sec,header.stamp.nanosec,d\n{row}\n");

@@ -575,7 +575,10 @@ fn times_that_are_followed_are_read_as_those_of_whole_logs() {
     let text = "time,d\n0,0\n1,0\n2,0\n0,3\n1,0\n2,0\n";
     let error =
         read(text, &Options::default()).map(|found| found.samples).expect_err("it starts again").to_string();
-    assert!(error.contains("does not increase: it is 2 and then 0 in line 5"), "{error}");
+    assert!(
+        error.contains("does not increase: it is 2 and then 0 in line 5; if its clock starts"),
+        "{error}"
+    );
     let sorted = Options { sort: true, duplicates: Duplicates::First, ..Options::default() };
     for (lateness, part) in
         [(1.5, "the lateness must be longer"), (1000.0, "the times start again before line 6")]
@@ -584,5 +587,16 @@ fn times_that_are_followed_are_read_as_those_of_whole_logs() {
         let found = followed(pipes, &formula, &sorted, Some(lateness), false);
         let error = found.map(|found| found.samples).expect_err("it starts again").to_string();
         assert!(error.contains(part), "{error}");
+    }
+    // Also one that starts in the middle of the run before, and whose first row violates d <= 2.
+    let rows = |times: std::ops::RangeInclusive<i32>, d| times.map(move |time| format!("{time},{d}\n"));
+    let text = rows(0..=10, 0).chain(rows(5..=5, 3)).chain(rows(6..=12, 0)).collect::<String>();
+    let text = format!("time,d\n{text}");
+    for duplicates in [Duplicates::First, Duplicates::Last] {
+        let options = Options { duplicates, ..sorted.clone() };
+        let pipes: Pipes = vec![(None, pieces(&text, &mut random))];
+        let found = followed(pipes, &formula, &options, Some(1000.0), false);
+        let error = found.map(|found| found.samples).expect_err("it starts again").to_string();
+        assert!(error.contains("the times start again before line 15: another log"), "{error}");
     }
 }

@@ -9,6 +9,7 @@ use mishandle::store::RunFile;
 use mishandle_text::{path_text, plural};
 
 use crate::comparison::comparison_section;
+use crate::flipped_pairs::FlippedPairs;
 use crate::html::{lines, percent, short, table, text};
 use crate::load::RunReport;
 use crate::page::Document;
@@ -49,7 +50,8 @@ impl BisectionEvidence {
             evidence.reports.push(report);
         }
         if let [good, bad] = &runs[..] {
-            evidence.comparison = comparison_section(&compare(good, bad, words)?, [good, bad])?;
+            evidence.comparison =
+                comparison_section(&compare(good, bad, words)?, [good, bad], &FlippedPairs::default())?;
         }
         Ok(Some(evidence))
     }

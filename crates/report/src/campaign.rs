@@ -1,13 +1,16 @@
 //! Pages of a campaign: one page per run, and an index that leads to them.
 
+use mishandle::Plan;
 use mishandle::results::{Answer, Estimate};
+use mishandle::stl::is_violated;
 use mishandle_text::{plural, probability_text};
 
 use crate::hardening::{self, HardeningSummary};
-use crate::html::{number, percent, text};
+use crate::html::{base64, number, percent, text};
 use crate::load::RunReport;
 use crate::page::Document;
-use crate::{section, words};
+use crate::pictures::THUMBNAIL;
+use crate::{head, section, words};
 
 /// Entry of the index for a run.
 #[derive(Clone, Debug)]
@@ -24,6 +27,12 @@ pub struct RunSummary {
     modes: usize,
     worst: Option<f64>,
     simulations: u64,
+    /// Name and value of each setting of the plan.
+    settings: Vec<(&'static str, String)>,
+    /// The values off nominal of the failure with which the page of the run begins, as HTML.
+    cause: Option<String>,
+    /// A small PNG image of it.
+    thumbnail: Option<Vec<u8>>,
 }
 
 /// The verdict of a run in the index.
@@ -109,11 +118,43 @@ impl RunSummary {
             modes: report.modes.modes.len(),
             worst: words::worst(report),
             simulations: report.counts.simulations,
+            settings: report.plan.as_ref().map_or(Vec::new(), settings),
+            cause: report
+                .lead()
+                .filter(|lead| lead.explained.recorded.robustness.is_some_and(is_violated))
+                .map(|lead| head::cause(report, lead.explained)),
+            thumbnail: report.measured.as_ref().and_then(|measured| measured.lead.thumbnail.clone()),
         }
     }
 
     fn share(&self) -> f64 {
         self.verdict.share.unwrap_or(0.0)
+    }
+
+    /// Returns the run as a part of a cell of the matrix. `what` distinguishes it from others of
+    /// its cell.
+    fn thumbnail_cell(&self, what: &str) -> String {
+        let image = self.thumbnail.as_ref().map(|png| {
+            format!(
+                "<img src=\"data:image/png;base64,{}\" width=\"{}\" height=\"{}\" alt=\"{}\">",
+                base64(png),
+                THUMBNAIL.0,
+                THUMBNAIL.1,
+                if self.cause.is_some() { "the failure" } else { "the simulation closest to a failure" }
+            )
+        });
+        let mark = match (self.verdict.share, &self.cause) {
+            (None, _) => "not started".to_string(),
+            (_, Some(cause)) => format!("<b class=\"fail\">✕</b> {cause}"),
+            (Some(share), None) if share > 0.0 => format!("<b class=\"fail\">✕</b> {}", self.verdict.text),
+            _ => format!("<b class=\"pass\">•</b> {}", self.verdict.text),
+        };
+        let what = if what.is_empty() { String::new() } else { format!("{}: ", text(what)) };
+        format!(
+            "<a class=\"thumbnail\" href=\"{}\">{}<span>{what}{mark}</span></a>",
+            text(&self.href),
+            image.unwrap_or_default()
+        )
     }
 
     fn cells(&self) -> Vec<String> {
@@ -214,12 +255,70 @@ pub fn campaign_page(
     }
     if !runs.is_empty() {
         out.push_str(NOTE);
+        out.push_str(&matrix(runs));
         // The name of a run has the values that differ between the runs.
         out.push_str(&table(runs, true));
     }
     out.push_str(&hardening::hardenings(hardenings));
     out.push_str("</section>\n");
     Document { title: &text(name), up: None, body: &out }.html()
+}
+
+/// Returns what distinguishes the runs of a grid, the most important first.
+fn settings(plan: &Plan) -> Vec<(&'static str, String)> {
+    let search = plan.falsify.as_ref().map_or(String::new(), |falsify| falsify.search.clone());
+    vec![
+        ("target", plan.target.clone()),
+        ("controller", words::file_name(&plan.controller).to_string()),
+        ("space", plan.space.clone()),
+        ("question", plan.kind().name().to_string()),
+        ("search", search),
+        ("preset", plan.preset.clone()),
+        ("seed", plan.seed.to_string()),
+    ]
+}
+
+/// Returns the runs as a matrix of the two first settings that vary, each with a picture of its
+/// failure; empty if less than two vary.
+fn matrix(runs: &[RunSummary]) -> String {
+    let value = |run: &RunSummary, setting: usize| {
+        run.settings.get(setting).map_or(String::new(), |(_, value)| value.clone())
+    };
+    let Some(first) = runs.first() else { return String::new() };
+    let differs = |setting: &usize| runs.iter().any(|run| value(run, *setting) != value(first, *setting));
+    let varied: Vec<usize> = (0..first.settings.len()).filter(differs).collect();
+    let [rows, columns, others @ ..] = varied.as_slice() else { return String::new() };
+    let values = |setting: usize| {
+        let mut found: Vec<String> = Vec::new();
+        for run in runs {
+            let value = value(run, setting);
+            if !found.contains(&value) {
+                found.push(value);
+            }
+        }
+        found
+    };
+    let heads = values(*columns);
+    let head: String = heads.iter().map(|name| format!("<th scope=\"col\">{}</th>", text(name))).collect();
+    let mut body = String::new();
+    for row in values(*rows) {
+        body.push_str(&format!("<tr><th scope=\"row\">{}</th>", text(&row)));
+        for column in &heads {
+            let is_here = |run: &&RunSummary| value(run, *rows) == row && value(run, *columns) == *column;
+            let cells = runs.iter().filter(is_here).map(|run| {
+                let others: Vec<String> = others.iter().map(|setting| value(run, *setting)).collect();
+                run.thumbnail_cell(&others.join(", "))
+            });
+            body.push_str(&format!("<td>{}</td>", cells.collect::<String>()));
+        }
+        body.push_str("</tr>\n");
+    }
+    format!(
+        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Runs as a matrix\"><table class=\"matrix\">\
+         <caption>{} (rows) and {} (columns): what fails first</caption><thead><tr><td></td>{head}</tr></thead>\n\
+         <tbody>{body}</tbody></table></div>\n",
+        first.settings[*rows].0, first.settings[*columns].0,
+    )
 }
 
 /// Explains the pages and numbers of runs.
@@ -250,5 +349,5 @@ fn headline(runs: &[RunSummary], hardenings: &[HardeningSummary]) -> String {
 pub fn run_page(report: &RunReport, up: &str) -> String {
     let title = words::subject(report);
     let up = Some((up, "all runs"));
-    Document { title: &title, up, body: &section::section(report, 1) }.html()
+    Document { title: &title, up, body: &section::section(report, 1) }.html_of(std::slice::from_ref(report))
 }

@@ -10,6 +10,7 @@ use mishandle::run::{compared_without_verdict, has_random_rows, recorded_axis};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle_text::plural;
 
+use crate::flipped_pairs::FlippedPairs;
 use crate::html::{figure, number, p_value, percent, short, table, text, visible};
 use crate::map::{SIZE, axis_label};
 use crate::page::Document;
@@ -35,13 +36,17 @@ const MAX_COLUMNS: usize = 6;
 const PAIR_AXES: usize = 3;
 
 /// Returns the page about a comparison of these runs: one HTML file without scripts, which loads
-/// nothing.
+/// nothing. `flipped` has pictures of pairs of which one fails.
 ///
 /// # Errors
 /// If a run cannot be read.
-pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> Result<String, MishandleError> {
+pub fn comparison_page(
+    found: &Comparison,
+    runs: [&RunFile; 2],
+    flipped: &FlippedPairs,
+) -> Result<String, MishandleError> {
     let title = format!("comparison of {}", text(&short(&found.target, 60)));
-    let body = comparison_section(found, runs)?;
+    let body = comparison_section(found, runs, flipped)?;
     Ok(Document { title: &title, up: None, body: &body }.html())
 }
 
@@ -104,7 +109,11 @@ impl Outcome {
 }
 
 /// Returns the section about a comparison.
-pub(crate) fn comparison_section(found: &Comparison, runs: [&RunFile; 2]) -> Result<String, MishandleError> {
+pub(crate) fn comparison_section(
+    found: &Comparison,
+    runs: [&RunFile; 2],
+    flipped: &FlippedPairs,
+) -> Result<String, MishandleError> {
     let header = runs[0].header();
     let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
     let shown = Shown::new(found, runs)?;
@@ -117,13 +126,14 @@ pub(crate) fn comparison_section(found: &Comparison, runs: [&RunFile; 2]) -> Res
     let target = text(&short(&found.target, 60));
     let mut out = format!(
         "<section class=\"run\">\n<h2>{target}: {}.{}</h2>\n<p class=\"requirement\"><b>A</b> is {}. <b>B</b> is {}. Both ran the \
-         same scenarios with the same seeds.</p>\n<p><b>Requirement:</b> {}</p>\n<p>{}</p>\n{}",
+         same scenarios with the same seeds.</p>\n<p><b>Requirement:</b> {}</p>\n<p>{}</p>\n{}{}",
         judgment(&found.success),
         compared_without_verdict(found).iter().map(|text| format!(" {text}.")).collect::<String>(),
         name(&found.first),
         name(&found.second),
         section::requirement(header),
         text(&found.verdict) + &corners_text(found),
+        flipped.html(),
         tiles(found),
     );
     let mut notes: Vec<String> = Vec::new();

@@ -8,7 +8,7 @@ use mishandle::store::RunHeader;
 use mishandle_text::instant;
 
 use crate::html::{base64, short, text, with_code, with_unit};
-use crate::pictures::{Frame, Instant, PictureError, instants};
+use crate::pictures::{Frame, Instant, PICTURE, PictureError, instants};
 
 /// Words for one of the two controllers.
 #[derive(Clone, Copy, Debug)]
@@ -54,11 +54,8 @@ impl ControllerPair {
             states.push(trajectory.states);
         }
         let last = |index: usize| states[index].len().saturating_sub(1);
-        // A violation that grows is drawn where it starts: its largest value is often far away from
-        // it.
         let event = |index: usize| {
-            let event = outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.event());
-            event.map(|event| event.start.unwrap_or(event.sample))
+            outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.instant())
         };
         let decisive = event(failing).unwrap_or(last(failing));
         // A failure has an instant of its own, a success is shown at that of the failure.
@@ -73,10 +70,16 @@ impl ControllerPair {
                 let (header, found) = outcomes[*index].explained.as_ref()?;
                 let states = states[*index].as_slice();
                 let explanation = &found.explanation;
-                Some(Instant { header, states, explanation, sample: sample(*index) })
+                Some(Instant {
+                    header,
+                    states,
+                    explanation,
+                    event: explanation.event(),
+                    sample: sample(*index),
+                })
             })
             .collect();
-        let missing = match instants(&shown) {
+        let missing = match instants(&shown, PICTURE) {
             Ok(frames) => {
                 drop(shown);
                 for (index, frame) in drawn.into_iter().zip(frames) {
@@ -89,23 +92,40 @@ impl ControllerPair {
         (ControllerPair { names, failing, outcomes }, missing)
     }
 
-    /// Returns the pair as HTML, after the table of its scenario.
+    /// Returns the time of a control step, s.
+    pub fn control_dt(&self) -> f64 {
+        let headers = self.outcomes.iter().filter_map(|outcome| outcome.explained.as_ref());
+        headers.map(|(header, _)| header.control_dt).next().unwrap_or(0.0)
+    }
+
+    /// Returns the pictures side by side, and why one of the controllers fails.
+    pub fn wide(&self) -> String {
+        let both = self.outcomes.iter().zip(self.names);
+        let pictures: String = both.map(|(outcome, name)| outcome.figure(name)).collect();
+        format!("<div class=\"lead-pair\">{pictures}</div>\n<ul class=\"why\">{}</ul>\n", self.why())
+    }
+
+    /// Says why the failing controller fails, as items of a list.
+    fn why(&self) -> String {
+        let failing = self.outcomes.get(self.failing).and_then(|outcome| outcome.explained.as_ref());
+        let Some((header, explained)) = failing else { return String::new() };
+        let sentences = explained.explanation.sentences(|sample| instant(sample, header.control_dt));
+        sentences.iter().map(|sentence| format!("<li>{}</li>", with_code(sentence))).collect()
+    }
+
+    /// Returns the pair as HTML, before the table of its scenario.
     pub fn html(&self, scenario: &str) -> String {
         let both = || self.outcomes.iter().zip(self.names);
-        let mut out = format!("<div class=\"facts-and-trace\">\n<div>{scenario}<ul class=\"why\">");
+        let pictures: String = both().map(|(outcome, name)| outcome.figure(name)).collect();
+        let mut out = format!(
+            "<div class=\"lead-pair\">{pictures}</div>\n<div class=\"facts-and-trace\">\n<div>{scenario}</div>\n<div><ul class=\"why\">"
+        );
         for (outcome, name) in both() {
             out.push_str(&format!("<li><b>{}</b>: {}.</li>", name.label, outcome.words()));
         }
         let controller = self.names[self.failing].phrase;
-        out.push_str(&format!("</ul>\n<h5>Why {controller} fails</h5>\n<ul class=\"why\">"));
-        let failing = self.outcomes.get(self.failing);
-        if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
-            for sentence in explained.explanation.sentences(|sample| instant(sample, header.control_dt)) {
-                out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
-            }
-        }
-        let pictures: String = both().map(|(outcome, name)| outcome.figure(name)).collect();
-        out + &format!("</ul></div>\n<div class=\"strip pair\">{pictures}</div>\n</div>\n")
+        let why = self.why();
+        out + &format!("</ul>\n<h5>Why {controller} fails</h5>\n<ul class=\"why\">{why}</ul></div>\n</div>\n")
     }
 }
 
@@ -132,7 +152,7 @@ impl Outcome {
         let time = instant(*sample, header.control_dt);
         let verdict = if self.fails() { "fails" } else { "succeeds" };
         format!(
-            "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene with \
+            "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"640\" height=\"480\" alt=\"The scene with \
              {}, which {verdict}, at {time}\"><figcaption><b>{}: {verdict}</b>, {time}</figcaption></figure>",
             if self.fails() { " decisive" } else { "" },
             base64(png),

@@ -11,6 +11,7 @@ use mishandle::rollout::{Axis, Scenario};
 use mishandle_text::{path_text, plural};
 
 use crate::controller_pair::{ControllerName, ControllerPair};
+use crate::head::values;
 use crate::html::{lines, short, table, text};
 use crate::pictures::PictureError;
 use crate::space::value_text;
@@ -90,6 +91,14 @@ impl HardenedModes {
             modes.notes.extend(note.filter(|note| !modes.notes.contains(note)));
         }
         Ok(Some(modes))
+    }
+
+    /// Returns a failure with both controllers side by side: one that vanished, if there is one.
+    pub(crate) fn lead(&self) -> String {
+        let vanished = self.cards.iter().find(|card| card.mode.change == ModeChange::Vanished);
+        let Some(card) = vanished.or(self.cards.first()) else { return String::new() };
+        let with = values(&card.axes, card.scenario.values(), card.pair.control_dt());
+        format!("<p class=\"lead\">The same scenario before and after: {with}.</p>\n{}", card.pair.wide())
     }
 
     /// Returns the modes as HTML.

@@ -77,6 +77,7 @@ pub fn hardening_page(
         reports.first().map_or(String::new(), ranges),
         trainer(found),
     );
+    out.push_str(&failures.lead());
     out.push_str(&tiles(found));
     out.push_str(&format!("<h3>Before and after</h3>\n{}{}{}", measures(found), others(found), NOTE));
     out.push_str(&format!("<h3>Failure modes</h3>\n{}{}", modes(found), failures.html(found, words)));

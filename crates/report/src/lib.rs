@@ -13,9 +13,10 @@
 //! - `load`, `measure`, `pictures`, `seen`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by `charts`. A
 //!   style sheet maps their colors to the theme.
-//! - `html`, `section`, `modes`, `hardened_modes`, `controller_pair`, `violated_counterexamples`,
-//!   `log`, `check`, `bisection`, `page`: text. Every name, unit and formula of a run file or log
-//!   is escaped.
+//! - `replay`: the 3-D replay of a page, with the one script that draws it.
+//! - `html`, `head`, `section`, `modes`, `hardened_modes`, `controller_pair`, `flipped_pairs`,
+//!   `violated_counterexamples`, `log`, `check`, `bisection`, `page`: text. Every name, unit and
+//!   formula of a run file or log is escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
@@ -28,9 +29,11 @@ mod commands;
 mod comparison;
 mod controller_pair;
 mod curves;
+mod flipped_pairs;
 mod grid;
 mod hardened_modes;
 mod hardening;
+mod head;
 mod html;
 mod learning_curve;
 mod load;
@@ -45,6 +48,7 @@ mod page;
 mod pictures;
 mod predicate_chart;
 mod ranking;
+mod replay;
 mod risk;
 mod section;
 mod seen;
@@ -64,6 +68,7 @@ pub use check::{
     summary as check_summary,
 };
 pub use comparison::comparison_page;
+pub use flipped_pairs::FlippedPairs;
 pub use grid::{
     Block, GridFalsification, GridRun, NOTHING, Page, Table, code, percent_with_interval, search_comparison,
     statistics_page, survival_curves, target_cell, value, with_interval,
@@ -75,8 +80,9 @@ pub use load::RunReport;
 pub use log::{LogSection, log_page};
 pub use markdown::markdown;
 pub use measure::{Measurement, Samples};
-pub use page::{Document, page};
+pub use page::{Document, page, replay_page};
 pub use pictures::{PICTURE, Painter};
+pub use replay::Recording;
 pub use violated_counterexamples::ViolatedCounterexamples;
 
 /// Colors of the charts. `page.css` has the color of each in both themes.

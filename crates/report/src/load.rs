@@ -1,20 +1,23 @@
 //! Reads the facts of a run from its file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mishandle::evaluation::{Corners, Lifetime, lifetimes};
 use mishandle::inspect::{
-    ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
+    ExplainedSimulation, FailureMode, FailureModes, MinimalFailure, ModeSurvey, explain, failure_modes,
+    mode_survey,
 };
 use mishandle::portable::portable_plan;
 use mishandle::results::{Answer, AxisRates, Requirement, Words};
-use mishandle::rollout::Axis;
+use mishandle::rollout::{Axis, Episode};
 use mishandle::run::{needs_target, recorded_answer, recorded_axis, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialSummary};
+use mishandle::verdict::smallest_cause;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 use crate::measure::Measured;
+use crate::replay::Replay;
 
 /// Largest number of simulations that charts show; failures come first.
 const MAX_POINTS: usize = 3000;
@@ -55,11 +58,23 @@ pub struct RunReport {
     pub(crate) modes: FailureModes,
     /// Of a falsification whose trials keep going.
     pub(crate) survey: Option<ModeSurvey>,
-    /// The representatives of the first modes, explained.
+    /// The representatives of the first modes, explained: moved toward nominal if they were.
     pub(crate) representatives: Vec<ExplainedSimulation>,
+    /// The failure to which each of them was moved; `None` if none was.
+    pub(crate) minimal: Vec<Option<MinimalFailure>>,
+    /// Of a falsification: the minimal counterexample with the fewest axes off nominal.
+    pub(crate) lead: Option<MinimalFailure>,
+    /// Trial and number of the simulation that came closest to a failure.
+    pub(crate) nearest: Option<(u32, u32)>,
+    /// That simulation, if nothing fails and it was simulated again.
+    pub(crate) closest: Option<ExplainedSimulation>,
     /// Of a margin: the simulation with the smallest disturbance that was found, explained.
     pub(crate) witness: Option<ExplainedSimulation>,
     pub(crate) measured: Option<Measured>,
+    /// File that keeps the simulations of the page.
+    pub(crate) kept: Option<PathBuf>,
+    /// The 3-D replay, if it was recorded.
+    pub(crate) replay: Option<Replay>,
     /// Why the page lacks what takes simulations.
     pub(crate) no_simulations: Option<String>,
     /// Other parts that the page lacks, with the reason.
@@ -110,6 +125,37 @@ impl From<Simulation> for Point {
     }
 }
 
+impl From<&Episode> for Point {
+    fn from(episode: &Episode) -> Point {
+        Point {
+            trial: 0,
+            number: episode.request.number,
+            seed: episode.request.seed.0,
+            scenario: episode.request.scenario.values().to_vec(),
+            robustness: episode.robustness(),
+            end: "",
+            is_linked: false,
+        }
+    }
+}
+
+/// The simulation with which a page begins.
+pub(crate) struct Lead<'a> {
+    pub explained: &'a ExplainedSimulation,
+    /// The failure to which it was moved; `None` if it was not.
+    pub minimal: Option<&'a MinimalFailure>,
+}
+
+impl<'a> Lead<'a> {
+    fn alone(explained: &'a ExplainedSimulation) -> Lead<'a> {
+        Lead { explained, minimal: None }
+    }
+
+    fn moved(minimal: &'a MinimalFailure) -> Lead<'a> {
+        Lead { explained: &minimal.explained, minimal: Some(minimal) }
+    }
+}
+
 impl RunReport {
     /// Reads the facts of a run. `path` is its name on the page and in the commands that the page
     /// shows, which `words` states.
@@ -142,14 +188,23 @@ impl RunReport {
             Some(survey) => survey.modes.clone(),
             None => failure_modes(run)?,
         };
-        let shown = modes.modes.iter().take(MAX_MODES);
-        let representatives: Vec<ExplainedSimulation> = shown
-            .map(|mode| explain(run, mode.representative().trial, mode.representative().number, None))
-            .collect::<Result<_, _>>()?;
+        let mut minimal = Vec::new();
+        let mut representatives = Vec::new();
+        for mode in modes.modes.iter().take(MAX_MODES) {
+            let found = mode.representative();
+            let moved = found.cause.as_ref().map(|_| MinimalFailure::recorded(run, found.trial));
+            let moved = moved.transpose()?.flatten();
+            representatives.push(match &moved {
+                Some(moved) => moved.explained.clone(),
+                None => explain(run, found.trial, found.number, None)?,
+            });
+            minimal.push(moved);
+        }
         let is_representative = |trial: u32, number: u32| {
-            let recorded =
-                |explained: &ExplainedSimulation| (explained.recorded.trial, explained.recorded.number);
-            representatives.iter().any(|explained| recorded(explained) == (trial, number))
+            let is_it = |mode: &FailureMode| {
+                (mode.representative().trial, mode.representative().number) == (trial, number)
+            };
+            modes.modes.iter().take(MAX_MODES).any(is_it)
         };
         let others = counts.simulations.saturating_sub(counts.falsified);
         let every = others.div_ceil((MAX_POINTS - MAX_FAILURES) as u64).max(1);
@@ -169,6 +224,11 @@ impl RunReport {
             _ => None,
         };
         let witness = witness.map(|witness| explain(run, WITNESS_TRIAL, witness.simulation, None));
+        let smallest = match &answer {
+            Some(Answer::Falsification(found)) => smallest_cause(found).filter(|trial| trial.cause.is_some()),
+            _ => None,
+        };
+        let lead = smallest.map(|trial| MinimalFailure::recorded(run, trial.trial)).transpose()?.flatten();
         let mut robustness = Vec::new();
         let mut points = Vec::new();
         let mut index = 0_u64;
@@ -209,7 +269,12 @@ impl RunReport {
                 index += 1;
             }
         }
-        let preflight = header.preflight.iter();
+        let least = trials.iter().filter_map(|trial| {
+            let (number, rho) = trial.worst?;
+            Some((rho, (trial.summary.trial.number, number)))
+        });
+        let nearest = least.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, place)| place);
+        let preflight = mishandle::run::warnings(run)?.into_iter();
         let preflight = preflight.map(|warning| format!("Before the first simulation: {warning}."));
         let reasons = run.reasons()?;
         let reasons = reasons.iter().map(|found| {
@@ -241,10 +306,43 @@ impl RunReport {
             modes,
             survey,
             representatives,
+            minimal,
+            lead,
+            nearest,
+            closest: None,
             measured: None,
+            kept: None,
+            replay: None,
             no_simulations: None,
             notes,
         })
+    }
+
+    /// Keeps the simulations of [`measure`](Self::measure) in a file, so that a second report of the
+    /// run continues.
+    pub fn keep_in(&mut self, path: PathBuf) {
+        self.kept = Some(path);
+    }
+
+    /// Returns the number of samples of the longest trace that the page draws: all plots share its
+    /// time.
+    pub(crate) fn samples(&self) -> usize {
+        let nominal = self.measured.iter().filter_map(|measured| measured.lead.nominal.as_ref());
+        let lead = self.lead().map(|lead| lead.explained);
+        let all = self.representatives.iter().chain(&self.witness).chain(lead).chain(nominal);
+        all.map(|explained| explained.trace.len()).max().unwrap_or(0)
+    }
+
+    /// Returns the failure with which the page begins: the smallest disturbance of a margin, the
+    /// minimal counterexample with the fewest axes off nominal, or that of the first mode; if
+    /// nothing fails, the simulation that came closest to it.
+    pub(crate) fn lead(&self) -> Option<Lead<'_>> {
+        let mode = || {
+            let minimal = self.minimal.first().and_then(Option::as_ref);
+            minimal.map(Lead::moved).or_else(|| self.representatives.first().map(Lead::alone))
+        };
+        let first = self.witness.as_ref().map(Lead::alone).or_else(|| self.lead.as_ref().map(Lead::moved));
+        first.or_else(mode).or_else(|| self.closest.as_ref().map(Lead::alone))
     }
 
     /// Says on the page that nothing was simulated, and why.

@@ -261,7 +261,7 @@ fn charts(
             decisive: decided.map(|decided| instant(decided.time, decided.sample)),
             caption: if decided.is_some() { DECIDED } else { VIOLATED },
         };
-        chart.figure(|side| samples.curve(side, evaluation).ok(), unit)
+        chart.figure(|side| samples.curve(side, evaluation).ok(), |_| None, unit)
     };
     found.into_iter().take(MAX_CHARTS).filter_map(draw).collect()
 }

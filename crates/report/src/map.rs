@@ -1,11 +1,13 @@
 //! Robustness maps: where in the space simulations fail.
 
 use crate::charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
+use mishandle::inspect::ExplainedSimulation;
 use mishandle::rollout::Axis;
 use mishandle::run::has_random_rows;
 use mishandle::stl::is_violated;
+use mishandle::store::MAX_TRIALS;
 
-use crate::html::{figure, number, short};
+use crate::html::{figure, number, percent, short};
 use crate::load::{Point, RunReport};
 use crate::ranking::Ranking;
 use crate::space::{around, cells, chart_axis, edges, label, linear, value_text};
@@ -27,6 +29,12 @@ const PAIR_AXES: usize = 4;
 
 /// Largest number of dots in a chart.
 const MAX_DOTS: usize = 1200;
+
+/// Fewest simulations of a map.
+const FEWEST: usize = 10;
+
+/// Largest number of failing simulations without a row in the table that have a mark.
+const MAX_OTHERS: usize = 300;
 
 /// Largest number of axis values in the text of a mark.
 const TITLE_VALUES: usize = 6;
@@ -87,7 +95,10 @@ fn variable(name: &str) -> String {
 
 /// Returns the robustness maps of a run: HTML. `id` is the number of the run on the page.
 pub fn figures(report: &RunReport, id: usize) -> String {
-    let decided: Vec<&Point> = report.points.iter().filter(|point| point.robustness.is_some()).collect();
+    let random = report.measured.as_ref().map_or(&[][..], |measured| &measured.scenarios);
+    let recorded = report.points.iter().filter(|point| point.robustness.is_some()).count();
+    let all = report.points.iter().chain(random);
+    let decided: Vec<&Point> = all.filter(|point| point.robustness.is_some()).collect();
     let has_values = |index: &usize| {
         !report.axes[*index].is_fixed() && decided.iter().any(|point| value(point, *index).is_some())
     };
@@ -97,12 +108,19 @@ pub fn figures(report: &RunReport, id: usize) -> String {
     }
     let scale = ColorScale::new(&decided);
     let count = report.counts.simulations;
-    let shown = match decided.len() as u64 {
+    let shown = match recorded as u64 {
         shown if shown < count => {
-            format!(" {shown} of {count} simulations are shown, failures first.")
+            format!(" {shown} of {count} simulations of the run are shown, failures first.")
         }
         _ => String::new(),
     };
+    let shown = shown + &random_text(report, random);
+    if axes.len() > 1 && decided.len() < FEWEST {
+        return format!(
+            "<p>The page has {} with a verdict, too few for a map.</p>\n",
+            mishandle_text::plural(decided.len() as u64, "simulation")
+        );
+    }
     match axes[..] {
         [axis] => {
             let svg = Drawing { report, id, points: &decided }.line(axis);
@@ -119,11 +137,16 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             format!("{}<div class=\"grid\">{figure}</div>\n", scale.legend())
         }
         _ => {
+            let ranked: Vec<&Point> = if random.is_empty() {
+                decided.clone()
+            } else {
+                random.iter().filter(|point| point.robustness.is_some()).collect()
+            };
             let ranking = Ranking::new(
                 &report.axes,
                 &axes,
-                &decided,
-                has_random_rows(&report.header),
+                &ranked,
+                has_random_rows(&report.header) || !random.is_empty(),
                 |point, axis| value(point, axis),
                 |point| point.robustness,
             );
@@ -149,6 +172,30 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             out + "</div>\n"
         }
     }
+}
+
+/// Says what the random scenarios are that the page simulated, and how many of them fail.
+fn random_text(report: &RunReport, random: &[Point]) -> String {
+    let decided = random.iter().filter(|point| point.robustness.is_some()).count() as u64;
+    if decided == 0 {
+        return String::new();
+    }
+    let failing = random.iter().filter(|point| point.fails()).count() as u64;
+    let without = random.len() as u64 - decided;
+    // Repeats of a scenario with other seeds are not independent scenarios.
+    let is_repeated = report.measured.as_ref().is_some_and(|measured| measured.noise.is_some());
+    let rate = mishandle::evaluation::failure_rate(failing, without, random.len() as u64);
+    let interval = match (rate.low, rate.high, is_repeated) {
+        (Some(low), Some(high), false) => {
+            format!(" (95 % interval {} to {})", percent(low), percent(high))
+        }
+        _ => String::new(),
+    };
+    format!(
+        " The page simulated {} of the whole space: {failing} {}{interval}.",
+        mishandle_text::plural(random.len() as u64, "random scenario"),
+        if failing == 1 { "fails" } else { "fail" }
+    )
 }
 
 const HINT: &str = "Point at a mark to see the simulation, select it to go to its row.";
@@ -212,8 +259,10 @@ impl Drawing<'_> {
     /// Draws a map of two of the axes: the lowest robustness in each cell.
     fn projection(&self, x: usize, y: usize, scale: &ColorScale) -> String {
         let axes = &self.report.axes;
-        let columns = cells(&axes[x], PROJECTED_CELLS);
-        let rows = cells(&axes[y], PROJECTED_CELLS);
+        // About two simulations in each cell.
+        let most = ((0.5 * self.points.len() as f64).sqrt() as usize).clamp(4, PROJECTED_CELLS);
+        let columns = cells(&axes[x], most);
+        let rows = cells(&axes[y], most);
         let mut least: Vec<Option<f64>> = vec![None; columns * rows];
         for point in self.points {
             let cell = |axis: usize, cells: usize| {
@@ -309,35 +358,37 @@ impl Drawing<'_> {
         Series::new(color::PASS, Mark::Dot, passing.into_iter().step_by(every))
     }
 
-    /// Returns the simulations that have a row in the table.
+    /// Returns the simulations that have a row in the table, other failures, and the described
+    /// failures.
     fn marks(&self, at: impl Fn(&Point) -> Option<[f64; 2]>) -> Vec<LinkedMark> {
-        let representative = |point: &Point| {
-            let is_it = |explained: &mishandle::inspect::ExplainedSimulation| {
-                (explained.recorded.trial, explained.recorded.number) == (point.trial, point.number)
-            };
-            self.report.representatives.iter().any(is_it)
-        };
-        let mark = |point: &&Point| {
+        let mark = |point: &Point| {
             let [x, y] = at(point)?;
-            let (shape, color) = match (representative(point), point.fails()) {
-                (true, _) => (Shape::Diamond, color::FAIL),
-                (false, true) => (Shape::Cross, color::FAIL),
-                (false, false) => (Shape::Ring, color::PASS),
-            };
+            let (shape, color) =
+                if point.fails() { (Shape::Cross, color::FAIL) } else { (Shape::Ring, color::PASS) };
+            let row = || format!("#{}", tables::row_id(self.id, point.trial, point.number));
+            let href = if point.is_linked { row() } else { String::new() };
+            Some(LinkedMark { x, y, shape, color, href, label: self.title(point), is_tab_stop: false })
+        };
+        let described = |(index, explained): (usize, &ExplainedSimulation)| {
+            let point = Point::from(explained.recorded.clone());
+            let [x, y] = at(&point)?;
             Some(LinkedMark {
                 x,
                 y,
-                shape,
-                color,
-                href: format!("#{}", tables::row_id(self.id, point.trial, point.number)),
-                label: self.title(point),
-                is_tab_stop: shape == Shape::Diamond,
+                shape: Shape::Diamond,
+                color: color::FAIL,
+                href: format!("#{}", tables::mode_id(self.id, index)),
+                label: format!("mode {}: {}", index + 1, self.title(&point)),
+                is_tab_stop: true,
             })
         };
-        let mut marks: Vec<LinkedMark> =
-            self.points.iter().filter(|point| point.is_linked).filter_map(mark).collect();
+        let (linked, others): (Vec<&Point>, Vec<&Point>) =
+            self.points.iter().copied().partition(|point| point.is_linked);
+        let others = others.into_iter().filter(|point| point.fails()).take(MAX_OTHERS);
+        let mut marks: Vec<LinkedMark> = linked.into_iter().chain(others).filter_map(mark).collect();
         // Failures on top.
         marks.sort_by_key(|mark| mark.shape as u8);
+        marks.extend(self.report.representatives.iter().enumerate().filter_map(described));
         marks
     }
 
@@ -350,7 +401,12 @@ impl Drawing<'_> {
         };
         let values: Vec<String> = named.map(value).collect();
         let more = if self.report.axes.len() > TITLE_VALUES { ", …" } else { "" };
-        format!("trial {}, simulation {}: {rho}; {}{more}", point.trial, point.number, values.join(", "))
+        let place = match point.trial {
+            0 => "random scenario of this page".to_string(),
+            trial if trial > MAX_TRIALS => format!("trial {}, moved toward nominal", trial - MAX_TRIALS),
+            trial => format!("trial {trial}, simulation {}", point.number),
+        };
+        format!("{place}: {rho}; {}{more}", values.join(", "))
     }
 }
 

@@ -265,7 +265,7 @@ fn witness_section(report: &RunReport, witness: &Witness) -> String {
     {
         out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
     }
-    let mut figures = trace::figures(header, explained).into_iter();
+    let mut figures = trace::figures(header, explained, None, report.samples()).into_iter();
     out.push_str(&format!("</ul>\n</div>\n<div>{}</div>\n</div>\n", figures.next().unwrap_or_default()));
     let pictures = report.measured.as_ref().and_then(|measured| measured.witness.as_ref());
     out.push_str(

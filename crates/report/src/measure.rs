@@ -6,15 +6,16 @@ use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, failure_rate};
 use mishandle::falsification::{PhysicsChecks, Repeated, measure_noise, repeat, repeat_seeds};
-use mishandle::inspect::{ExplainedSimulation, FailureMode};
+use mishandle::inspect::{ExplainedSimulation, FailureMode, MinimalFailure, explain_recorded};
 use mishandle::results::{self, Noise, PhysicsCheck};
 use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
+use mishandle::run::{KeptSimulations, has_random_rows};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
-use crate::load::MAX_MODES;
-use crate::pictures::{self, Painter, PictureError, Pictures};
+use crate::load::{MAX_MODES, Point};
+use crate::pictures::{self, LeadPictures, Painter, PictureError, Pictures};
 use crate::sensitivity::{self, Sensitivity};
 
 /// By what fraction of an axis the box of a failure mode is widened on each side.
@@ -22,6 +23,10 @@ const MARGIN: f64 = 0.1;
 
 /// Number of scenarios that measure the share of noise, and simulations of each.
 const NOISE: (u64, u64) = (Repeated::NOISE_SCENARIOS, Repeated::Noise.simulations());
+
+/// Number of failures between a found one and the minimal one, which the total of the progress
+/// assumes.
+const WAY: u64 = 8;
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
@@ -36,6 +41,10 @@ pub struct Measured {
     pub strips: Vec<Pictures>,
     /// Pictures of the witness of a margin.
     pub witness: Option<Pictures>,
+    /// The failure with which the page begins, beside the nominal simulation.
+    pub lead: LeadPictures,
+    /// Random scenarios of the whole space, for the maps.
+    pub scenarios: Vec<Point>,
     pub noise: Option<Noise>,
     /// Total effects of the axes.
     pub sensitivity: Option<Sensitivity>,
@@ -80,14 +89,6 @@ pub struct Patch {
     pub failing: Estimate,
 }
 
-/// The source of the pictures of a target.
-enum Drawn<'a> {
-    /// Its scene, if it has one, with the present path of the run's controller.
-    Scene(Option<&'a str>),
-    /// The target itself.
-    Painted(&'a mut dyn Painter),
-}
-
 impl RunReport {
     /// Adds what takes simulations: the size of each mode's failing patch, whether its
     /// representative depends on the solver of the physics, how often it fails with other seeds,
@@ -108,7 +109,7 @@ impl RunReport {
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
         match mishandle::resolve::recorded_plan(run.header(), controller) {
-            Ok(resolved) => self.measure_target(run, &resolved, Drawn::Scene(controller), samples, watch),
+            Ok(resolved) => self.measure_target(run, &resolved, None, samples, watch),
             Err(error) => Ok(Measurement::Skipped { reason: error.to_string() }),
         }
     }
@@ -126,15 +127,28 @@ impl RunReport {
         samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
-        let drawn = painter.map_or(Drawn::Scene(None), Drawn::Painted);
-        self.measure_target(run, resolved, drawn, samples, watch)
+        self.measure_target(run, resolved, painter, samples, watch)
+    }
+
+    /// Returns the number of random scenarios that the maps need: none with `probes` of 0, if
+    /// others are simulated anyway, or if the run has enough.
+    fn mapped(&self, resolved: &ResolvedPlan, probes: u32) -> u64 {
+        let axes = resolved.space.axes().iter().filter(|axis| !axis.is_fixed()).count();
+        let needed = match axes {
+            0 => 0,
+            1 => u64::from(probes),
+            _ => (4 * u64::from(probes)).min(NOISE.0),
+        };
+        let has_others = mishandle::resolve::space_depends_on_seed(resolved)
+            || (has_random_rows(&self.header) && self.counts.simulations >= needed);
+        if has_others { 0 } else { needed }
     }
 
     fn measure_target(
         &mut self,
         run: &RunFile,
         resolved: &ResolvedPlan,
-        drawn: Drawn<'_>,
+        painter: Option<&mut dyn Painter>,
         samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
@@ -144,19 +158,35 @@ impl RunReport {
             let reason = format!("the target {} is not the one of the run any more", then.name);
             return Ok(Measurement::Skipped { reason });
         }
-        self.measure_in(run, resolved, drawn, samples, watch)
+        let mut painter = painter;
+        let mut watch = watch;
+        let began = self.measure_in(run, resolved, &mut painter, samples, &mut watch);
+        let Some(kept) = self.kept.take_if(|_| began.is_err()) else { return began };
+        // The kept simulations can be those of another page.
+        let _ = std::fs::remove_file(kept);
+        self.measure_in(run, resolved, &mut painter, samples, &mut watch)
     }
 
     fn measure_in(
         &mut self,
         run: &RunFile,
         resolved: &ResolvedPlan,
-        drawn: Drawn<'_>,
+        painter: &mut Option<&mut dyn Painter>,
         samples: Samples,
-        mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+        watch: &mut dyn FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
         let Samples { probes, sensitivity } = samples;
-        let mut system = resolved.system()?;
+        let settings =
+            format!("{} {} {probes} {sensitivity}", self.counts.simulations, self.counts.falsified);
+        let kept = self.kept.as_deref().map(|path| KeptSimulations::open(resolved, path, settings));
+        let kept = match kept.transpose() {
+            Ok(kept) => kept,
+            Err(error) => {
+                self.notes.push(format!("The simulations of this page were not kept: {error}."));
+                None
+            }
+        };
+        let mut system = kept.as_ref().map_or_else(|| resolved.system(), |kept| Ok(kept.system()))?;
         let axes = resolved.space.axes();
         let seed = Seed(self.header.seed).child(u64::MAX);
         let depends_on_seed = mishandle::resolve::space_depends_on_seed(resolved);
@@ -165,24 +195,59 @@ impl RunReport {
         let modes = self.representatives.len() as u64;
         let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
         let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
+        let mapped = self.mapped(resolved, probes);
+        let unmoved = self.minimal.iter().filter(|minimal| minimal.is_none()).count() as u64;
         let mut checks = resolved.physics_checks()?;
-        let checked = if checks.are_possible() { PhysicsChecks::most(modes) } else { 0 };
-        let total = modes * (u64::from(probes) + repeats)
+        let checked = if checks.are_possible() {
+            PhysicsChecks::most_to_go_back(WAY) * (modes + u64::from(self.lead.is_some()))
+        } else {
+            0
+        };
+        let moved = unmoved * MinimalFailure::most(&resolved.space);
+        let total = moved
             + checked
+            + modes * (u64::from(probes) + repeats)
             + noise
+            + mapped
             + sensitivity::simulations(&resolved.space, sensitivity)
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
+        if watch(0, total).is_break() {
+            return Ok(Measurement::Interrupted);
+        }
         let mut measured = Measured::default();
+        let mut done = 0;
+        for index in 0..self.representatives.len() {
+            if self.minimal[index].is_some() {
+                continue;
+            }
+            let failure = self.representatives[index].recorded.clone();
+            let watch = |count| watch(done + count, total);
+            let found = MinimalFailure::found(resolved, run.header(), failure, &mut *system, watch)?;
+            let Some(found) = found else { return Ok(Measurement::Interrupted) };
+            done += MinimalFailure::most(&resolved.space);
+            self.minimal[index] = Some(found);
+        }
         if checks.are_possible() {
-            let representatives = self.modes.modes.iter().take(MAX_MODES).map(FailureMode::representative);
-            let failures: Vec<Request> =
-                representatives.map(|found| Request::new(Scenario::from(found), Seed(found.seed))).collect();
-            match checks.check(&failures, &mut |done| watch(done, total))? {
-                Some(found) => measured.physics = found,
-                None => return Ok(Measurement::Interrupted),
+            let mut watch = |count| watch(moved + count, total);
+            for minimal in self.minimal.iter_mut().chain([&mut self.lead]).flatten() {
+                if !minimal.check(run, resolved, &mut checks, &mut watch)? {
+                    return Ok(Measurement::Interrupted);
+                }
+            }
+            measured.physics =
+                self.minimal.iter().flatten().filter_map(|minimal| minimal.cause.physics.clone()).collect();
+        }
+        for (representative, minimal) in self.representatives.iter_mut().zip(&self.minimal) {
+            if let Some(minimal) = minimal {
+                *representative = minimal.explained.clone();
             }
         }
-        let mut done = checked;
+        if self.lead().is_none()
+            && let Some((trial, number)) = self.nearest
+        {
+            self.closest = nearest(run, trial, number, resolved)?;
+        }
+        let mut done = moved + checked;
         let is_interrupted = Cell::new(false);
         let mut count = |_: &Episode| {
             done += 1;
@@ -199,7 +264,7 @@ impl RunReport {
                 }
                 None => None,
             });
-            let scenario = Scenario::from(mode.representative());
+            let scenario = Scenario::new(self.representatives[index as usize].recorded.scenario.clone());
             measured.repeats.push(match repeats {
                 0 => None,
                 _ if is_interrupted.get() => None,
@@ -212,10 +277,20 @@ impl RunReport {
                 return Ok(Measurement::Interrupted);
             }
         }
+        let mut scenarios: Vec<Point> = Vec::new();
+        let mut count_mapped = |episode: &Episode| {
+            scenarios.push(Point::from(episode));
+            count(episode)
+        };
         if noise > 0 {
-            let (scenarios, repeats) = NOISE;
-            measured.noise = measure_noise(&mut *system, seed, scenarios, repeats, &mut count)?;
+            let (random, repeats) = NOISE;
+            measured.noise = measure_noise(&mut *system, seed, random, repeats, &mut count_mapped)?;
         }
+        if mapped > 0 {
+            // The share of noise of one simulation each is nothing to show.
+            measure_noise(&mut *system, seed, mapped, 1, &mut count_mapped)?;
+        }
+        measured.scenarios = scenarios;
         if sensitivity > 0 {
             let seed = seed.child(u64::MAX);
             measured.sensitivity =
@@ -241,18 +316,33 @@ impl RunReport {
         if is_interrupted.get() {
             return Ok(Measurement::Interrupted);
         }
+        drop(system);
+        if let Some(kept) = kept {
+            kept.close()?;
+        }
         let witness = self.witness.as_slice();
         let mut must_end = || watch(done, total).is_break();
-        let mut drawn = drawn;
-        let mut strips = |simulations: &[ExplainedSimulation]| match &mut drawn {
-            Drawn::Scene(controller) => pictures::strips(run, simulations, *controller, &mut must_end),
-            Drawn::Painted(painter) => {
-                pictures::painted_strips(run, simulations, resolved, &mut **painter, &mut must_end)
-            }
+        let lead = self.lead().map(|lead| lead.explained.clone());
+        let mut draw = || -> Result<_, PictureError> {
+            let lead = match (&lead, &mut *painter) {
+                (None, _) => LeadPictures::default(),
+                (Some(lead), None) => pictures::lead(resolved, run.header(), lead)?,
+                (Some(lead), Some(painter)) => {
+                    pictures::painted_lead(resolved, run.header(), lead, &mut **painter)?
+                }
+            };
+            let mut strips = |simulations: &[ExplainedSimulation]| match &mut *painter {
+                None => pictures::strips(run.header(), resolved, simulations, &mut must_end),
+                Some(painter) => {
+                    pictures::painted_strips(simulations, resolved, &mut **painter, &mut must_end)
+                }
+            };
+            Ok((lead, strips(&self.representatives)?, strips(witness)?))
         };
-        match strips(&self.representatives).and_then(|modes| Ok((modes, strips(witness)?))) {
+        match draw() {
             Err(PictureError::Interrupted) => return Ok(Measurement::Interrupted),
-            Ok((strips, witness)) => {
+            Ok((lead, strips, witness)) => {
+                measured.lead = lead;
                 measured.strips = strips;
                 measured.witness = witness.into_iter().next();
             }
@@ -261,6 +351,19 @@ impl RunReport {
         self.measured = Some(measured);
         Ok(Measurement::Done)
     }
+}
+
+/// Simulates the simulation again that came closest to a failure. `None` without a verdict.
+fn nearest(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    resolved: &ResolvedPlan,
+) -> Result<Option<ExplainedSimulation>, MishandleError> {
+    let recorded = run.simulation(trial, number)?;
+    let request = pictures::request(&recorded);
+    let Some(episode) = resolved.system()?.rollout(&[request])?.pop() else { return Ok(None) };
+    Ok(episode.robustness().and_then(|_| explain_recorded(run.header(), recorded, episode.trace).ok()))
 }
 
 /// Returns the box of a mode in unit coordinates, widened by [`MARGIN`] except for categories,

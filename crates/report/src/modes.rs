@@ -3,7 +3,7 @@
 
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::physics_text;
-use mishandle::inspect::{ExplainedSimulation, FailureMode};
+use mishandle::inspect::{ExplainedSimulation, FailureMode, MinimalFailure};
 use mishandle::resolve::nominal_scenario;
 use mishandle::results::Answer;
 use mishandle::run::has_random_rows;
@@ -14,7 +14,7 @@ use crate::load::RunReport;
 use crate::measure::Patch;
 use crate::pictures::{Film, Frame, Pictures};
 use crate::space::value_text;
-use crate::{commands, tables, trace, words};
+use crate::{commands, head, tables, trace, words};
 
 /// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to
 /// be larger than the box.
@@ -69,21 +69,23 @@ fn card(
     let trial = representative.trial;
     let number_of = representative.number;
     let time = |sample: usize| mishandle_text::instant(sample, header.control_dt);
+    let minimal = report.minimal.get(index).and_then(Option::as_ref);
     let (first, last) = mode.samples;
-    let when = if first == last {
-        format!("From {} on", time(first))
+    let instant = explained.explanation.instant().unwrap_or(first);
+    let range = if first == last || minimal.is_some_and(|minimal| minimal.cause.went_back) {
+        String::new()
     } else {
-        format!("From an instant between {} and {} on", time(first), time(last))
+        format!(" (in this mode between {} and {})", time(first), time(last))
     };
+    let when = format!("From {} on{range}", time(instant));
     let predicate = match representative.predicate.as_str() {
         "" => "the whole formula".to_string(),
         predicate => format!("<code>{}</code>", text(predicate)),
     };
-    // The predicate and the instant are those of the failures after they were moved.
-    let moved = if mode.is_isolated { "moved toward nominal, " } else { "" };
+    let with = head::cause(report, explained);
     let mut out = format!(
-        "<article class=\"mode\" id=\"{}\">\n<h4>Mode {}: {moved}{predicate} is violated <span class=\"count\">{} of {}</span></h4>\n\
-         <p>{when}, nothing can satisfy the requirement.",
+        "<article class=\"mode\" id=\"{}\">\n<h4>{}: {with} <span class=\"count\">{} of {}</span></h4>\n\
+         <p>{when}, nothing can satisfy the requirement: {predicate} is violated.",
         tables::mode_id(id, index),
         index + 1,
         mode.failures.len(),
@@ -94,17 +96,24 @@ fn card(
     let is_random = measured.is_some_and(|measured| measured.noise.is_some());
     out.extend(entry(index).map(|patch| patch_text(patch, is_random)));
     out.push_str("</p>\n<div class=\"facts-and-trace\">\n<div>");
-    out.push_str(&region_table(report, mode));
-    out.push_str(&format!(
-        "<h5>The failure closest to nominal: trial {trial}, simulation {}</h5>\n<ul class=\"why\">",
-        tables::link(report, id, trial, number_of)
-    ));
+    out.push_str(&region_table(report, mode, explained, minimal));
+    let place = format!("trial {trial}, simulation {}", tables::link(report, id, trial, number_of));
+    out.push_str(&match minimal {
+        Some(_) => format!("<h5>{}, moved toward nominal</h5>\n<ul class=\"why\">", first_letter(&place)),
+        None => format!("<h5>The failure closest to nominal: {place}</h5>\n<ul class=\"why\">"),
+    });
+    if minimal.is_some_and(|minimal| minimal.cause.went_back) {
+        out.push_str("<li>It went back toward the found failure: nearer ones depend on the solver of the physics.</li>");
+    }
     for sentence in explained.explanation.sentences(time) {
         out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
     }
     out.push_str(&format!(
         "<li>Robustness {}.</li>",
-        with_unit(representative.robustness, &text(&short(&explained.explanation.unit, 20)))
+        with_unit(
+            explained.recorded.robustness.unwrap_or(f64::NAN),
+            &text(&short(&explained.explanation.unit, 20))
+        )
     ));
     if let Some(check) = measured.and_then(|measured| measured.physics.get(index)) {
         let label = if check.depends_on_solver { "<strong>Physics</strong>" } else { "Physics" };
@@ -119,7 +128,7 @@ fn card(
             interval(&repeats.failure_rate)
         ));
     }
-    let mut figures = trace::figures(header, explained).into_iter();
+    let mut figures = trace::figures(header, explained, None, report.samples()).into_iter();
     out.push_str(&format!("</ul>\n</div>\n<div>{}</div>\n</div>\n", figures.next().unwrap_or_default()));
     let pictures = measured.and_then(|measured| measured.strips.get(index));
     out.push_str(&pictures.map_or(String::new(), |pictures| frames(header, pictures, explained)));
@@ -127,8 +136,15 @@ fn card(
     if !others.is_empty() {
         out.push_str(&format!("<div class=\"grid\">{others}</div>\n"));
     }
-    out.push_str(&commands::details(report, trial, number_of));
+    let recorded = minimal.filter(|minimal| minimal.is_recorded).map(|_| &explained.recorded);
+    let (trial, number) = recorded.map_or((trial, number_of), |found| (found.trial, found.number));
+    out.push_str(&commands::details(report, trial, number));
     out + "</article>\n"
+}
+
+fn first_letter(text: &str) -> String {
+    let (first, rest) = text.split_at(1);
+    first.to_uppercase() + rest
 }
 
 /// Formats an estimate: `: 12 % [8, 17]`.
@@ -189,11 +205,17 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
 
 /// Returns the table of the region of a mode and the scenario of its representative. The axes that
 /// matter come first.
-fn region_table(report: &RunReport, mode: &FailureMode) -> String {
-    let scenario = &mode.representative().scenario;
-    let matters = |axis: &usize| mode.axes.contains(axis);
+fn region_table(
+    report: &RunReport,
+    mode: &FailureMode,
+    explained: &ExplainedSimulation,
+    minimal: Option<&MinimalFailure>,
+) -> String {
+    let scenario = &explained.recorded.scenario;
+    let caused = minimal.map_or(&mode.axes, |minimal| &minimal.axes);
+    let matters = |axis: &usize| caused.contains(axis);
     // The failure of several axes none of which could be moved has no cause among them.
-    let has_all = mode.is_isolated && mode.axes.len() > 1 && mode.axes.len() == report.axes.len();
+    let has_all = minimal.is_some() && caused.len() > 1 && caused.len() == report.axes.len();
     let all = 0..report.axes.len();
     let order: Vec<usize> = all.clone().filter(matters).chain(all.filter(|axis| !matters(axis))).collect();
     let rows = order.iter().take(MAX_AXES).map(|index| {
@@ -214,8 +236,8 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     });
     let rows: Vec<Vec<String>> = rows.collect();
     let mut notes = Vec::new();
-    if mode.is_isolated {
-        notes.push(match mode.axes.as_slice() {
+    if minimal.is_some() {
+        notes.push(match caused.as_slice() {
             [] => {
                 let scenario = match &report.answer {
                     Some(Answer::Falsification(found)) => nominal_scenario(&found.subject),
@@ -226,8 +248,8 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
             _ if has_all => {
                 "No axis could be moved to nominal without losing the failure, so nothing says which axes cause it.".to_string()
             }
-            _ => "Bold axes cause these failures: moved toward nominal, each failure remains with these axes alone off nominal. The \
-                  ranges of the other axes say nothing."
+            _ => "Bold axes cause the failure: moved toward nominal, it remains with these axes alone off nominal. The ranges of the \
+                  other axes say nothing."
                 .to_string(),
         });
     } else if mode.axes.is_empty() && !has_random_rows(&report.header) {
@@ -257,16 +279,16 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     } else {
         format!("<p class=\"notes\">{}</p>\n", notes.join(" "))
     };
-    table("Where it fails", &["axis", "failures of this mode", "closest to nominal", "nominal"], &rows)
-        + &notes
+    table("Where it fails", &["axis", "failures of this mode", "minimal failure", "nominal"], &rows) + &notes
 }
 
 /// Returns the pictures of a simulation as HTML.
 pub fn frames(header: &RunHeader, pictures: &Pictures, explained: &ExplainedSimulation) -> String {
-    let decisive = explained.explanation.diagnosis.path.last().map(|found| found.sample);
+    let decisive = explained.explanation.event();
     let frame = |frame: &Frame| {
         let time = format!("{:.2} s", frame.sample as f64 * header.control_dt);
-        let note = if Some(frame.sample) == decisive { ", decisive instant" } else { "" };
+        let event = decisive.filter(|event| event.sample == frame.sample);
+        let note = event.map_or(String::new(), |event| format!(", {}", event.kind.name()));
         format!(
             "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene at \
              {time}{note}\"><figcaption>{time}{note}</figcaption></figure>",

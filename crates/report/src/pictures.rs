@@ -1,17 +1,23 @@
 //! Pictures of failures: of targets with a scene, and of systems that draw themselves.
 
 use mishandle::counterexample::CounterexampleReplay;
-use mishandle::inspect::{Event, ExplainedSimulation, Explanation};
-use mishandle::picture::{Drawing, FrameCaptions, FrameRenderer};
-use mishandle::rollout::Request;
-use mishandle::store::{RunFile, RunHeader};
+use mishandle::inspect::{Event, ExplainedSimulation, Explanation, explain_episode};
+use mishandle::picture::{Drawing, ExampleSimulation, FrameCaptions, FrameRenderer};
+use mishandle::rollout::{Episode, Request, Scenario, Seed};
+use mishandle::store::{RunHeader, Simulation, SimulationEnd};
 use mishandle::world::{CAMERAS, Picture, PictureModel, Size, WorldError, animated_png, png};
 use mishandle::{Compared, MishandleError, ResolvedPlan};
 
 use crate::seen::{Seen, seen};
 
-/// Size of a picture, pixels.
-pub const PICTURE: (u32, u32) = (320, 240);
+/// Size of the pictures with which a page begins, and of those that a system draws itself, pixels.
+pub const PICTURE: (u32, u32) = (640, 480);
+
+/// Size of the other pictures: half of it.
+const SMALL: (u32, u32) = (320, 240);
+
+/// Size of the pictures of a matrix of runs.
+pub const THUMBNAIL: (u32, u32) = (160, 120);
 
 /// Largest number of simulations with pictures, so that the page stays small.
 pub const MAX_STRIPS: usize = 4;
@@ -24,6 +30,19 @@ const HOLD: f64 = 1000.0;
 
 /// Largest number of frames of a film without its marks.
 const MAX_FRAMES: usize = 40;
+
+/// The instant of a failure, beside the same instant of the nominal simulation.
+#[derive(Debug, Default)]
+pub struct LeadPictures {
+    /// A PNG image.
+    pub failing: Option<Vec<u8>>,
+    /// The nominal simulation with the same seed, if another axis decides and it has a verdict.
+    pub nominal: Option<ExplainedSimulation>,
+    /// A PNG image of it.
+    pub beside: Option<Vec<u8>>,
+    /// A small PNG image of the failure, without a caption.
+    pub thumbnail: Option<Vec<u8>>,
+}
 
 /// Pictures of a simulation.
 #[derive(Clone, Debug, Default)]
@@ -83,29 +102,143 @@ pub trait Painter {
 /// Returns whether the drawing must end; called before each picture.
 pub type MustEnd<'a> = &'a mut dyn FnMut() -> bool;
 
+/// Returns the request of a recorded simulation, which runs to its end.
+pub fn request(recorded: &Simulation) -> Request {
+    Request::new(Scenario::new(recorded.scenario.clone()), Seed(recorded.seed))
+}
+
+/// Returns the request of the nominal scenario with the same seed, unless it is the same.
+fn nominal(resolved: &ResolvedPlan, recorded: &Simulation) -> Option<Request> {
+    let nominal = Request::new(resolved.space.nominal(), Seed(recorded.seed));
+    (!nominal.scenario.is_same(&request(recorded).scenario)).then_some(nominal)
+}
+
+/// Renders the instant of a failure, and the same instant of the nominal simulation. A target
+/// without a scene has no pictures, but a nominal simulation.
+pub fn lead(
+    resolved: &ResolvedPlan,
+    header: &RunHeader,
+    explained: &ExplainedSimulation,
+) -> Result<LeadPictures, PictureError> {
+    let nominal = nominal(resolved, &explained.recorded);
+    if !mishandle::resolve::has_scene(&header.target.kind) {
+        let nominal = nominal.map(|request| simulated(resolved, &request)).transpose()?;
+        return Ok(LeadPictures { nominal: nominal.flatten(), ..LeadPictures::default() });
+    }
+    let example = ExampleSimulation::new(resolved, &request(&explained.recorded))?;
+    check(&example.episode, &explained.recorded)?;
+    let nominal = nominal.map(|request| ExampleSimulation::new(resolved, &request)).transpose()?;
+    let sample = explained.explanation.instant().unwrap_or(usize::MAX);
+    let mut shown = Vec::new();
+    let beside = nominal.iter().filter_map(|nominal| Some((&nominal.explained.as_ref()?.1, nominal)));
+    let both = std::iter::once((explained, &example)).chain(beside);
+    for (found, example) in both {
+        let states = example.trajectory.states.as_slice();
+        let sample = sample.min(states.len().saturating_sub(1));
+        let explanation = &found.explanation;
+        // The nominal simulation is shown at the instant of the failure, whatever it is there.
+        let event = explanation.event().filter(|_| shown.is_empty());
+        shown.push(Instant { header, states, explanation, event, sample });
+    }
+    let mut frames = instants(&shown, PICTURE)?.into_iter().map(|frame| frame.png);
+    let thumbnail = instants(&shown[..1], THUMBNAIL)?.pop().map(|frame| frame.png);
+    Ok(LeadPictures {
+        thumbnail,
+        failing: frames.next(),
+        beside: frames.next(),
+        nominal: nominal.and_then(|nominal| nominal.explained).map(|(_, found)| found),
+    })
+}
+
+/// As [`lead`], of a system that draws itself.
+pub fn painted_lead(
+    resolved: &ResolvedPlan,
+    header: &RunHeader,
+    explained: &ExplainedSimulation,
+    painter: &mut dyn Painter,
+) -> Result<LeadPictures, PictureError> {
+    let sample = explained.explanation.instant().unwrap_or(0);
+    let found = lead(resolved, header, explained)?;
+    let (episode, failing) = painted(&[sample], &request(&explained.recorded), resolved, painter)?;
+    if let Some(episode) = episode {
+        check(&episode, &explained.recorded)?;
+    }
+    let nominal = nominal(resolved, &explained.recorded);
+    let beside = nominal.map(|nominal| painted(&[sample], &nominal, resolved, painter)).transpose()?;
+    let encode =
+        |pixels: Option<&Vec<u8>>| pixels.map(|pixels| png(PICTURE.0, PICTURE.1, pixels)).transpose();
+    Ok(LeadPictures {
+        failing: encode(failing.first())?,
+        beside: encode(beside.as_ref().and_then(|(_, pictures)| pictures.first()))?,
+        thumbnail: failing.first().map(|pixels| png(SMALL.0, SMALL.1, &halved(pixels))).transpose()?,
+        ..found
+    })
+}
+
+/// Simulates a request; `None` without a verdict.
+fn simulated(
+    resolved: &ResolvedPlan,
+    request: &Request,
+) -> Result<Option<ExplainedSimulation>, PictureError> {
+    let episode =
+        resolved.system()?.rollout(std::slice::from_ref(request)).map_err(MishandleError::from)?.pop();
+    let episode = episode.filter(|episode| episode.robustness().is_some());
+    Ok(episode.map(|episode| explain_episode(resolved, &episode)).transpose()?.map(|(_, found)| found))
+}
+
+/// Simulates a request of a system that draws these samples of it. A sample after the end has no
+/// picture.
+fn painted(
+    samples: &[usize],
+    request: &Request,
+    resolved: &ResolvedPlan,
+    painter: &mut dyn Painter,
+) -> Result<(Option<Episode>, Vec<Vec<u8>>), PictureError> {
+    painter.begin(samples);
+    let episode = resolved.system()?.rollout(std::slice::from_ref(request)).map_err(MishandleError::from);
+    let pictures = painter.take();
+    let episode = episode?.pop();
+    let pictures = pictures.map_err(PictureError::Painter)?;
+    let bytes = 3 * (PICTURE.0 * PICTURE.1) as usize;
+    if pictures.iter().any(|pixels| pixels.len() != bytes) {
+        return Err(PictureError::Painter(format!("a picture has not {bytes} bytes")));
+    }
+    Ok((episode, pictures))
+}
+
+/// Checks that a simulation that ran again is the recorded one.
+fn check(episode: &Episode, recorded: &Simulation) -> Result<(), PictureError> {
+    let is_stopped = matches!(recorded.end, SimulationEnd::Stopped { .. });
+    let bits = |rho: Option<f64>| rho.map(f64::to_bits);
+    if is_stopped || bits(episode.robustness()) == bits(recorded.robustness) {
+        return Ok(());
+    }
+    let Simulation { trial, number, .. } = recorded;
+    let difference = format!("robustness of simulation {number} of trial {trial}");
+    Err(MishandleError::differs(Compared::Plan, vec![difference]).into())
+}
+
 /// Renders some instants of each simulation, the decisive one among them, and a film around it.
 /// Targets without a scene have no pictures.
 pub fn strips(
-    run: &RunFile,
+    header: &RunHeader,
+    resolved: &ResolvedPlan,
     simulations: &[ExplainedSimulation],
-    controller: Option<&str>,
     must_end: MustEnd<'_>,
 ) -> Result<Vec<Pictures>, PictureError> {
-    let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
-    if simulations.is_empty() || !mishandle::resolve::has_scene(&run.header().target.kind) {
+    if simulations.is_empty() || !mishandle::resolve::has_scene(&header.target.kind) {
         return Ok(Vec::new());
     }
-    let model = mishandle::resolve::recorded_picture(run.header())?;
+    let model = mishandle::resolve::recorded_picture(header)?;
     simulations
         .iter()
         .take(MAX_STRIPS)
-        .map(|explained| strip(&model, size, run, explained, controller, &mut *must_end))
+        .map(|explained| strip(&model, header, resolved, explained, &mut *must_end))
         .collect()
 }
 
 /// As [`strips`], of a system that draws itself, which simulates each again.
 pub fn painted_strips(
-    run: &RunFile,
     simulations: &[ExplainedSimulation],
     resolved: &ResolvedPlan,
     painter: &mut dyn Painter,
@@ -116,13 +249,12 @@ pub fn painted_strips(
         if must_end() {
             return Err(PictureError::Interrupted);
         }
-        strips.push(painted_strip(run, explained, resolved, painter)?);
+        strips.push(painted_strip(explained, resolved, painter)?);
     }
     Ok(strips)
 }
 
 fn painted_strip(
-    run: &RunFile,
     explained: &ExplainedSimulation,
     resolved: &ResolvedPlan,
     painter: &mut dyn Painter,
@@ -130,35 +262,29 @@ fn painted_strip(
     let last = explained.recorded.steps as usize;
     let event = explained.explanation.event();
     let shown = strip_samples(event.as_ref(), last);
-    let reel = Reel::new(event.as_ref(), last, run.header().control_dt);
+    let reel = Reel::new(event.as_ref(), last, resolved.target.control_dt);
     let mut samples: Vec<usize> = shown.iter().chain(&reel.samples).copied().collect();
     samples.sort_unstable();
     samples.dedup();
-    painter.begin(&samples);
-    let trial = explained.recorded.trial;
-    let number = explained.recorded.number;
-    let replayed = mishandle::replay::replay_with(run, trial, number, resolved);
-    let pictures = painter.take();
-    let replayed = replayed?;
-    if !replayed.differences.is_empty() {
-        return Err(MishandleError::differs(Compared::Plan, replayed.differences).into());
+    let (episode, pictures) = painted(&samples, &request(&explained.recorded), resolved, painter)?;
+    if let Some(episode) = episode {
+        check(&episode, &explained.recorded)?;
     }
-    let pictures = pictures.map_err(PictureError::Painter)?;
-    let bytes = 3 * (PICTURE.0 * PICTURE.1) as usize;
-    if pictures.len() != samples.len() || pictures.iter().any(|pixels| pixels.len() != bytes) {
+    if pictures.len() != samples.len() {
         let message = format!("{} pictures of {} samples were drawn", pictures.len(), samples.len());
         return Err(PictureError::Painter(message));
     }
+    let pictures: Vec<Vec<u8>> = pictures.iter().map(|pixels| halved(pixels)).collect();
     let of = |sample: &usize| samples.binary_search(sample).ok().map(|index| &pictures[index]);
     let mut frames = Vec::new();
     for sample in &shown {
         if let Some(pixels) = of(sample) {
-            frames.push(Frame { sample: *sample, png: png(PICTURE.0, PICTURE.1, pixels)? });
+            frames.push(Frame { sample: *sample, png: png(SMALL.0, SMALL.1, pixels)? });
         }
     }
     let picture = |sample: &usize| {
-        let width = PICTURE.0 as usize;
-        let height = PICTURE.1 as usize;
+        let width = SMALL.0 as usize;
+        let height = SMALL.1 as usize;
         let mut picture = Picture::new(width, height, [u8::MAX; 3]);
         if let Some(pixels) = of(sample) {
             picture.paste(0, 0, width, pixels);
@@ -169,33 +295,44 @@ fn painted_strip(
     Ok(Pictures { frames, film: Some(Film { window: reel.window, png: animated_png(&film)? }), seen: None })
 }
 
+/// Returns a picture of half the size: the means of two by two pixels.
+fn halved(pixels: &[u8]) -> Vec<u8> {
+    let row = 3 * PICTURE.0 as usize;
+    let mut small = Vec::with_capacity(pixels.len() / 4);
+    for pair in pixels.chunks_exact(2 * row) {
+        for left in (0..row).step_by(6) {
+            small.extend((left..left + 3).map(|at| {
+                let sum: u16 =
+                    [at, at + 3, at + row, at + row + 3].map(|at| u16::from(pair[at])).iter().sum();
+                (sum / 4) as u8
+            }));
+        }
+    }
+    small
+}
+
 /// Returns the samples of the pictures of a simulation with samples 0 to `last`.
 pub fn strip_samples(event: Option<&Event>, last: usize) -> Vec<usize> {
-    let decisive = event.map_or(last, |event| event.sample);
-    mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, 0, last)
+    let (start, end) = event.map_or((None, last), Event::ends);
+    mishandle::picture::strip_samples(start, end, 0, last)
 }
 
 fn strip(
     model: &PictureModel,
-    size: Size,
-    run: &RunFile,
+    header: &RunHeader,
+    resolved: &ResolvedPlan,
     explained: &ExplainedSimulation,
-    controller: Option<&str>,
     must_end: MustEnd<'_>,
 ) -> Result<Pictures, PictureError> {
-    let trial = explained.recorded.trial;
-    let number = explained.recorded.number;
-    let (replayed, trajectory) = mishandle::picture::replay_states(run, trial, number, controller)?;
-    if !replayed.differences.is_empty() {
-        return Err(MishandleError::differs(Compared::Plan, replayed.differences).into());
-    }
-    let shown = Shown::new(run.header(), &trajectory.states, &explained.explanation);
-    let pictures = shown.pictures(model, size, &mut *must_end)?;
+    let request = request(&explained.recorded);
+    let (episode, trajectory) = mishandle::picture::simulate_states(resolved, &request)?;
+    check(&episode, &explained.recorded)?;
+    let shown = Shown::new(header, &trajectory.states, &explained.explanation);
+    let pictures = shown.pictures(model, &mut *must_end)?;
     if must_end() {
         return Err(PictureError::Interrupted);
     }
-    let resolved = mishandle::resolve::recorded_plan(run.header(), controller)?;
-    let seen = seen(&resolved, &replayed.episode.request, &explained.explanation)?;
+    let seen = seen(resolved, &request, &explained.explanation)?;
     Ok(Pictures { seen, ..pictures })
 }
 
@@ -206,12 +343,11 @@ pub fn of_replay(
     replay: &CounterexampleReplay,
     must_end: MustEnd<'_>,
 ) -> Result<Pictures, PictureError> {
-    let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Pictures::default()) };
     let (_, trajectory) = mishandle::picture::simulate_states(resolved, request)?;
     let model = mishandle::resolve::recorded_picture(&replay.header)?;
     let explanation = &replay.explained.explanation;
     let shown = Shown::new(&replay.header, &trajectory.states, explanation);
-    let pictures = shown.pictures(&model, size, must_end)?;
+    let pictures = shown.pictures(&model, must_end)?;
     Ok(Pictures { seen: seen(resolved, request, explanation)?, ..pictures })
 }
 
@@ -221,19 +357,21 @@ pub struct Instant<'a> {
     /// States of the whole simulation.
     pub states: &'a [Vec<f64>],
     pub explanation: &'a Explanation,
+    /// The instant that the caption marks.
+    pub event: Option<Event>,
     pub sample: usize,
 }
 
-/// Renders instants of simulations of the same target in the same view.
-pub fn instants(instants: &[Instant<'_>]) -> Result<Vec<Frame>, PictureError> {
+/// Renders instants of simulations of the same target in the same view, with this width and height.
+pub fn instants(instants: &[Instant<'_>], size: (u32, u32)) -> Result<Vec<Frame>, PictureError> {
     let Some(first) = instants.first() else { return Ok(Vec::new()) };
     let model = mishandle::resolve::recorded_picture(first.header)?;
-    let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
+    let Some(size) = Size::new(size.0, size.1) else { return Ok(Vec::new()) };
     let states = instants.iter().filter_map(|instant| instant.states.get(instant.sample));
     let view: Vec<&[f64]> = states.map(Vec::as_slice).collect();
     let mut frames = Vec::new();
-    for Instant { header, states, explanation, sample } in instants {
-        let shown = Shown::new(header, states, explanation);
+    for Instant { header, states, explanation, event, sample } in instants {
+        let shown = Shown { event: *event, ..Shown::new(header, states, explanation) };
         frames.extend(shown.frames(&model, size, &[*sample], &view, &mut || false)?);
     }
     Ok(frames)
@@ -253,13 +391,9 @@ impl<'a> Shown<'a> {
     }
 
     /// Renders some instants and a film around the event.
-    fn pictures(
-        &self,
-        model: &PictureModel,
-        size: Size,
-        must_end: MustEnd<'_>,
-    ) -> Result<Pictures, PictureError> {
+    fn pictures(&self, model: &PictureModel, must_end: MustEnd<'_>) -> Result<Pictures, PictureError> {
         let Some(last) = self.states.len().checked_sub(1) else { return Ok(Pictures::default()) };
+        let Some(size) = Size::new(SMALL.0, SMALL.1) else { return Ok(Pictures::default()) };
         let event = self.event.as_ref();
         let samples = strip_samples(event, last);
         let view: Vec<&[f64]> = samples.iter().map(|sample| self.states[*sample].as_slice()).collect();
@@ -294,7 +428,7 @@ impl<'a> Shown<'a> {
                 return Err(PictureError::Interrupted);
             }
             let picture = renderer.draw(*sample, &self.states[*sample])?;
-            Ok(Frame { sample: *sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
+            Ok(Frame { sample: *sample, png: png(size.width(), size.height(), picture.pixels())? })
         };
         samples.iter().map(picture).collect()
     }

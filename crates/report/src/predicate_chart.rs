@@ -33,16 +33,18 @@ pub struct PredicateChart<'a> {
 }
 
 impl PredicateChart<'_> {
-    /// Returns the chart as HTML. `curve` has the values of a side of the predicate, `unit` its
-    /// unit. `None` if a value is missing.
+    /// Returns the chart as HTML. `curve` has the values of a side of the predicate, `nominal`
+    /// those of another simulation beside it, `unit` its unit. `None` if a value is missing.
     pub fn figure(
         &self,
         curve: impl Fn(&Formula) -> Option<Curve>,
+        nominal: impl Fn(&Formula) -> Option<Curve>,
         unit: impl Fn(&str) -> String,
     ) -> Option<String> {
+        let beside = lines(self.predicate, &nominal).unwrap_or_default();
         let lines = lines(self.predicate, &curve)?;
         let [start, end] = self.range;
-        let all = lines.iter().flat_map(|(_, line)| line.iter().map(|point| point[1]));
+        let all = lines.iter().chain(&beside).flat_map(|(_, line)| line.iter().map(|point| point[1]));
         let (low, high) = all
             .filter(|value| value.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
@@ -57,9 +59,13 @@ impl PredicateChart<'_> {
                 series.push(Series::new(color::LIMIT, Mark::DashedLine, [[start, limit], [end, limit]]));
                 continue;
             }
-            let color = if series.is_empty() { color::PASS } else { color::LIMIT };
+            let first = if beside.is_empty() { color::PASS } else { color::FAIL };
+            let color = if series.is_empty() { first } else { color::LIMIT };
             series.push(Series::new(color, Mark::Line, thinned(line)));
         }
+        // Below the line of the failure.
+        let other = beside.iter().find(|(side, _)| side.parse::<f64>().is_err());
+        series.splice(0..0, other.map(|(_, line)| Series::new(color::PASS, Mark::Line, thinned(line))));
         if let Some(at) = self.decisive {
             series.push(Series::new(color::FAIL, Mark::ThinLine, [[at, low], [at, high]]));
         }

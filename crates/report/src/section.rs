@@ -7,23 +7,29 @@ use mishandle::store::{RunHeader, RunKind};
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
-use crate::{axis_rates, curves, map, margin, metamorphic, modes, risk, sensitivity, survey, tables, words};
+use crate::{
+    axis_rates, curves, head, map, margin, metamorphic, modes, risk, sensitivity, survey, tables, words,
+};
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
-    let mut out = format!("<section class=\"run\" id=\"r{id}\">\n<h2>{}</h2>\n", words::headline(report));
+    let mut out = format!("<section class=\"run\" id=\"r{id}\">\n{}", head::section(report, id));
     out.push_str(&format!(
         "<p class=\"requirement\"><b>{}:</b> {}</p>\n{}",
         text(&words::formula_label(report)),
         requirement(&report.header),
         tables::requirements(report)
     ));
-    let meaning: String = words::meaning(report).iter().map(|sentence| format!("{sentence} ")).collect();
-    out.push_str(&format!("<p>{meaning}</p>\n{}{}", tiles(report), tables::rates(report)));
+    out.push_str(&report.replay.as_ref().map_or(String::new(), |replay| replay.html(id)));
     let notes: Vec<&String> = report.notes.iter().chain(&report.no_simulations).collect();
     if !notes.is_empty() {
         let notes: String = notes.into_iter().map(|note| format!("<li>{}</li>", text(note))).collect();
         out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
+    }
+    let result = result(report);
+    let is_search = matches!(report.answer, Some(Answer::Falsification(_)));
+    if !is_search {
+        out.push_str(&result);
     }
     out.push_str(&match &report.answer {
         Some(Answer::Margin(found)) => margin::section(report, found, id),
@@ -32,7 +38,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
         _ => String::new(),
     });
     if report.modes.failures > 0 {
-        out.push_str(&format!("<h3 id=\"r{id}-modes\">What fails</h3>\n{}", modes::section(report, id)));
+        out.push_str(&format!("<h3 id=\"r{id}-modes\">Ways it fails</h3>\n{}", modes::section(report, id)));
     }
     let heading = if report.counts.falsified > 0 { "Where it fails" } else { "Where it was tested" };
     out.push_str(&format!("<h3 id=\"r{id}-map\">{heading}</h3>\n{}", map::figures(report, id)));
@@ -57,28 +63,34 @@ pub fn section(report: &RunReport, id: usize) -> String {
     if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
         out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));
     }
-    let heading = match report.header.kind {
-        RunKind::Evaluate => Some("How robust it is"),
-        RunKind::Falsify => Some("How the search went"),
-        _ => None,
-    };
-    if let Some(heading) = heading {
-        out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
+    let mut rest = Vec::new();
+    match report.header.kind {
+        RunKind::Evaluate => rest.push(("search", "How robust it is", curves::figures(report))),
+        RunKind::Falsify => rest.push((
+            "search",
+            "How it was found",
+            result + &curves::figures(report) + &survey::section(report) + &tables::trials(report, id),
+        )),
+        _ => {}
     }
-    if report.header.kind == RunKind::Falsify {
-        out.push_str(&survey::section(report));
-        out.push_str(&tables::trials(report, id));
+    rest.push(("tested", "What was tested", facts(report) + &tables::axes(report)));
+    rest.push(("simulations", "Simulations", tables::simulations(report, id)));
+    for (name, heading, html) in rest {
+        out.push_str(&format!(
+            "<details class=\"rest\" id=\"r{id}-{name}\"><summary><h3>{heading}</h3></summary>\n{html}</details>\n"
+        ));
     }
-    out.push_str(&format!(
-        "<h3 id=\"r{id}-tested\">What was tested</h3>\n{}{}",
-        facts(report),
-        tables::axes(report)
-    ));
-    out.push_str(&format!(
-        "<h3 id=\"r{id}-simulations\">Simulations</h3>\n{}",
-        tables::simulations(report, id)
-    ));
     out + "</section>\n"
+}
+
+/// Returns what the question found, in sentences, numbers and rates.
+fn result(report: &RunReport) -> String {
+    let meaning = words::meaning(report).join(" ");
+    let verdict = match report.answer {
+        Some(Answer::Falsification(_)) => words::headline(report) + " ",
+        _ => String::new(),
+    };
+    format!("<p>{verdict}{meaning}</p>\n{}{}", tiles(report), tables::rates(report))
 }
 
 /// Returns the requirement in words, or its text if it cannot be explained.

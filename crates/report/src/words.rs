@@ -67,9 +67,7 @@ pub fn formula_label(report: &RunReport) -> String {
 pub fn headline(report: &RunReport) -> String {
     let found = report.answer.as_ref().map(Answer::without_verdict);
     let mut out = verdict(report) + &found.map_or(String::new(), without_verdict);
-    if let Some(Answer::Falsification(found)) = &report.answer
-        && let Some(reason) = &found.asks_nothing
-    {
+    if let Some(reason) = report.answer.as_ref().and_then(Answer::formula_asks_nothing) {
         out += &format!(" They ask nothing: {}.", text(reason));
     }
     out
@@ -163,7 +161,7 @@ fn of_all(decided: u64, all: u64) -> String {
 }
 
 /// Returns how much of an unfinished run is done; `None` if it is finished.
-fn progress(report: &RunReport) -> Option<String> {
+pub fn progress(report: &RunReport) -> Option<String> {
     let plan = report.plan.as_ref()?;
     let done = match report.answer.as_ref().filter(|answer| !answer.is_complete())? {
         Answer::Evaluation(found) => {

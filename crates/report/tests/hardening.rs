@@ -201,7 +201,11 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     for part in ["1 mode appeared, 0 stayed, 1 vanished.", "<b>Before</b>: fails, robustness −"] {
         assert!(html.contains(part), "{part}: {html}");
     }
-    assert_eq!(html.matches("data:image/png;base64,").count(), 4, "two of each mode");
+    assert_eq!(
+        html.matches("data:image/png;base64,").count(),
+        6,
+        "two of each mode, and the pair at the top"
+    );
     assert!(HardenedModes::simulate(&folder, &found, || true).is_none(), "interrupted");
 
     // The page is made without the controllers, and says what it lacks.

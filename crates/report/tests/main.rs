@@ -5,6 +5,7 @@
 
 mod answers;
 mod hardening;
+mod kept;
 mod page;
 
 /// Names commands by their data.

@@ -115,8 +115,10 @@ fn the_numbers_are_those_of_the_run() {
     // 3/4 * 2/3 = 1/2.
     let html = html(2, "", PLAN, &[(1, true), (2, true), (2, false), (3, false)]);
     for part in [
-        "<h2>car with controller mine violates its requirement in 2 of 4 trials. The first failure comes after a median of 2 \
-         simulations.</h2>",
+        "<h2>car with controller mine fails at 0.30 s with axis0 = 0.2 (nominal 0.5)",
+        "From step 3 (0.30 s) on, nothing can satisfy the requirement: <code>gap</code> is 1.5, the limit 2.",
+        "<p>car with controller mine violates its requirement in 2 of 4 trials. The first failure comes after a median of 2 \
+         simulations.",
         "Share of trials without a failure: 50 % after 3 simulations",
         "<b>Requirement:</b> <span class=\"words\">at every step of the trace: gap is at least 2</span>",
         "robustness −0.5",

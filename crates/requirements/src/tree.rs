@@ -93,6 +93,11 @@ impl<'a> Tree<'a> {
         found
     }
 
+    /// Returns the operators around a node, the nearest one first.
+    pub fn ancestors(&self, node: usize) -> impl Iterator<Item = usize> {
+        std::iter::successors(self.parents[node], |parent| self.parents[*parent])
+    }
+
     /// Returns the conditions of implications.
     pub fn antecedents(&self) -> impl Iterator<Item = usize> {
         (0..self.nodes.len())

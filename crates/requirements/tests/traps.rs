@@ -240,6 +240,8 @@ fn precedence() {
     check("always p >= 1 implies q >= 1", &["precedence"]);
     check("always(p >= 1) implies q >= 1", &["precedence"]);
     check("always[0:2s] p >= 1 and q >= 1", &["precedence"]);
+    check("always(p >= 1) since q >= 1", &["past-at-the-start"]);
+    check("eventually[0:5s](not (p >= 1) or q >= 1)", &["eventually-implies"]);
     check("always[0:2s](p >= 1) and q >= 1", &["first-sample-only"]);
     check("always(a >= 1 and b >= 1 or c >= 1)", &["precedence"]);
     check("always((a >= 1 and b >= 1) or c >= 1)", &[]);
@@ -377,7 +379,7 @@ fn neighbors_outside_of_the_trace() {
     check("always(s_prev(x >= 1) or y >= 1)", &["no-neighbor"]);
     check("always(prev(x >= 1) or y >= 1)", &[]);
     check("always(not prev(x >= 1))", &["no-neighbor"]);
-    // Without parentheses, the operand goes on.
+    // Without parentheses, the operand continues.
     for text in
         ["always(x - prev x <= 0.1)", "always(x - next x <= 0.1)", "always(abs(x - prev x - 1) <= 0.1)"]
     {

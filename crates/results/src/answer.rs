@@ -64,10 +64,11 @@ impl Answer {
     }
 
     /// Returns whether the question concludes something, and too few of its simulations have a
-    /// verdict for that. An evaluation and a search say what they found.
+    /// verdict for that, or none asks anything. An evaluation and a search say what they found.
     pub fn is_inconclusive(&self) -> bool {
         let concludes = !matches!(self, Answer::Evaluation(_) | Answer::Falsification(_));
-        concludes && !self.is_violated() && self.without_verdict().is_too_large()
+        let is_open = || self.without_verdict().is_too_large() || self.formula_asks_nothing().is_some();
+        concludes && !self.is_violated() && is_open()
     }
 
     /// Returns whether a violation was found; for a hardening, whether no round was accepted. An
@@ -105,6 +106,20 @@ impl Answer {
         found.as_deref().unwrap_or_default()
     }
 
+    /// Returns why no simulation asks anything with the formula of the question; `None` if one
+    /// does.
+    pub fn formula_asks_nothing(&self) -> Option<&str> {
+        let reason = match self {
+            Answer::Falsification(found) => &found.asks_nothing,
+            Answer::Margin(found) => &found.asks_nothing,
+            Answer::Metamorphic(found) => &found.asks_nothing,
+            Answer::Risk(found) => &found.asks_nothing,
+            Answer::Evaluation(found) => &found.asks_nothing,
+            Answer::Hardening(_) => &None,
+        };
+        reason.as_deref()
+    }
+
     /// Returns why requirements ask nothing in the simulations, as `NAME: REASON` or as the reason
     /// of the formula of a search. Empty if one is violated.
     pub fn asks_nothing(&self) -> Vec<String> {
@@ -112,11 +127,8 @@ impl Answer {
         if self.is_violated() || named.iter().any(|found| found.violated > 0) {
             return Vec::new();
         }
-        let alone = match self {
-            // Named requirements say it of themselves.
-            Answer::Falsification(found) if named.is_empty() => found.asks_nothing.clone(),
-            _ => None,
-        };
+        // Named requirements say it of themselves.
+        let alone = self.formula_asks_nothing().filter(|_| named.is_empty()).map(str::to_owned);
         let reason = |found: &Requirement| {
             found.asks_nothing.as_ref().map(|reason| format!("{}: {reason}", found.name))
         };

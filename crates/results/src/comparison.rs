@@ -50,6 +50,9 @@ pub struct Comparison {
     pub completion_step: Option<PairedMeans>,
     /// Conclusion from the success rates, in a sentence.
     pub verdict: String,
+    /// Why no simulation of both runs asks anything of its controller, so that nothing is compared;
+    /// `null` otherwise.
+    pub asks_nothing: Option<String>,
     /// Simulations in which A succeeds and B does not, at most 10,000; exit code 1 if there are
     /// any.
     pub new_failures: Vec<ComparedPair>,
@@ -111,6 +114,9 @@ pub struct ComparedRun {
     pub not_covered: Vec<String>,
     /// Git commit of the program that made the run.
     pub commit: String,
+    /// Success rate of the control arm: the same starts and seeds, all other axes at nominal;
+    /// `null` without one.
+    pub nominal: Option<Estimate>,
     /// Random simulations without a verdict on success, of the pairs that count. They do not count
     /// as successes.
     pub without_verdict: WithoutVerdict,

@@ -14,7 +14,8 @@ pub struct EndCounts {
     /// Number of these that ended because the controller or the environment returned a value that
     /// is not finite.
     pub invalid: u64,
-    /// Number of these that crashed or took too long.
+    /// Number of these that failed: the target or its controller crashed, gave an invalid answer,
+    /// or took longer than its time limit.
     pub failed: u64,
     /// Number of others that left the formula undecided.
     pub undecided: u64,
@@ -43,7 +44,7 @@ impl EndCounts {
         [
             (self.diverged, "diverged"),
             (self.invalid, "ended in a value that is not finite"),
-            (self.failed, "crashed or took too long"),
+            (self.failed, "failed (crash, invalid answer or time limit)"),
             (self.undecided, "left the formula undecided"),
         ]
     }
@@ -62,6 +63,10 @@ pub struct Vacuous {
     pub first_sample: u64,
     /// Number of further simulations in which no premise holds, so that it requires nothing.
     pub premise: u64,
+    /// Number of further simulations in which each operand of its `and` asks nothing, for reasons
+    /// that differ.
+    #[serde(default)]
+    pub parts: u64,
 }
 
 impl Vacuous {
@@ -69,11 +74,12 @@ impl Vacuous {
     pub fn add_all(&mut self, other: Vacuous) {
         self.first_sample += other.first_sample;
         self.premise += other.premise;
+        self.parts += other.parts;
     }
 
     /// Returns the number of simulations.
     pub fn total(&self) -> u64 {
-        self.first_sample + self.premise
+        self.first_sample + self.premise + self.parts
     }
 }
 

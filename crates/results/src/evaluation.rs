@@ -3,7 +3,7 @@ use serde::Serialize;
 use crate::word::words;
 use crate::{
     AxisRates, EndCounts, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Sequential,
-    Subject, WithoutVerdict,
+    Subject, Violation, WithoutVerdict,
 };
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
@@ -30,6 +30,12 @@ pub struct Evaluation {
     /// The metrics.
     #[serde(flatten)]
     pub metrics: Metrics,
+    /// Why all simulations satisfy the formula and ask nothing of the controller; `null` if one
+    /// asks something.
+    pub asks_nothing: Option<String>,
+    /// How the first random simulation violates each of the formulas `success`, `strict` and
+    /// `careful`; without those that no simulation with a recorded trace violates.
+    pub breaks: Vec<Broken>,
     /// Results at the corners and the center of the initial box; `null` if the space has no numeric
     /// axis of kind `start`.
     pub corners: Option<Corners>,
@@ -57,6 +63,19 @@ pub struct Evaluation {
     /// With screening, up to 100 simulations of MuJoCo C without success; missing without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failures: Option<Vec<ScreenedFailure>>,
+}
+
+/// A formula that a random simulation violates.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Broken {
+    /// Name of the formula.
+    pub formula: String,
+    /// Number of the simulation.
+    pub simulation: u32,
+    /// When and how it violates the formula.
+    #[serde(flatten)]
+    pub violation: Violation,
 }
 
 words! {
@@ -134,7 +153,7 @@ pub struct Metrics {
     /// Number of these that ended because the controller or the environment returned a value that
     /// is not finite.
     pub invalid: u64,
-    /// Number of these that could not start, crashed or took too long.
+    /// Number of these that could not start or failed: crash, invalid answer or time limit.
     pub failed: u64,
     /// Number of these that could not start.
     pub invalid_starts: u64,
@@ -258,7 +277,7 @@ pub struct CornerPoint {
     pub diverged: u32,
     /// Number of simulations that ended in a value that is not finite.
     pub invalid: u32,
-    /// Number of simulations that could not start, crashed or took too long.
+    /// Number of simulations that could not start or failed: crash, invalid answer or time limit.
     pub failed: u32,
     /// Number of other simulations that left success undecided.
     pub undecided: u32,

@@ -2,8 +2,8 @@ use serde::Serialize;
 
 use crate::word::words;
 use crate::{
-    CheckedFailure, EndReasons, Estimate, Modes, Named, Number, PhysicsCheck, Repeats, Scenario, Screening,
-    Seed, Subject, Vacuous, WithoutVerdict,
+    CheckedFailure, EndReasons, Estimate, Instant, Modes, Named, Number, PhysicsCheck, Repeats, Scenario,
+    Screening, Seed, Subject, Vacuous, WithoutVerdict,
 };
 
 /// Counterexamples that the trials of a search found.
@@ -121,7 +121,7 @@ pub struct Trial {
     pub diverged: u32,
     /// Number of simulations that ended in a value that is not finite.
     pub invalid: u32,
-    /// Number of simulations that could not start, crashed or took too long.
+    /// Number of simulations that could not start or failed: crash, invalid answer or time limit.
     pub failed: u32,
     /// Number of other simulations that left the formula undecided.
     pub undecided: u32,
@@ -135,9 +135,26 @@ pub struct Trial {
     /// The check of the physics of the counterexample; `null` without a counterexample, in a
     /// campaign, and for a target whose physics MuJoCo C does not step.
     pub physics: Option<PhysicsCheck>,
+    /// When and how that simulation violates the requirement; `null` without a counterexample.
+    pub violation: Option<Violation>,
     /// The axes that cause the failure; `null` without a counterexample, in a campaign, with
     /// `falsify.keep-going`, with `falsify.isolate = false` and with a screening.
     pub cause: Option<Cause>,
+}
+
+/// When and how a simulation violates a requirement.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Violation {
+    /// First sample after which nothing can satisfy the requirement; `null` if the trace does not
+    /// decide it.
+    pub decided: Option<Instant>,
+    /// The sample at which `words` hold; `null` if they are about a whole window.
+    pub at: Option<Instant>,
+    /// The predicate that decides the requirement; empty without one.
+    pub predicate: String,
+    /// The opposite of the predicate in English, which is true instead; empty without a predicate.
+    pub words: String,
 }
 
 /// A named requirement over the simulations of a run.
@@ -192,6 +209,8 @@ pub struct Cause {
     pub scenario: Scenario,
     /// Its robustness.
     pub robustness: Number,
+    /// When and how it violates the requirement; `null` without a recorded trace.
+    pub violation: Option<Violation>,
     /// Axes that have another value than the nominal one in this scenario; empty if the nominal
     /// scenario fails.
     pub axes: Vec<String>,

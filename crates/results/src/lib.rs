@@ -95,7 +95,7 @@ pub use document::{SCHEMA, Versioned};
 pub use ends::{EndCounts, Vacuous, WithoutVerdict};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{
-    BoxPoint, Control, CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure, StartRegion,
+    BoxPoint, Broken, Control, CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure, StartRegion,
 };
 pub use evidence::{
     Evidence, EvidenceCheck, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation,
@@ -106,7 +106,7 @@ pub use explanation::{
     LogExplanations, MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
 };
 pub use falsification::{
-    Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, TrialEnd, Unevaluated,
+    Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, TrialEnd, Unevaluated, Violation,
 };
 pub use guard::{AlarmLead, GuardAlarms, GuardCurvePoint, GuardTuning};
 pub use hardening::{
@@ -146,7 +146,7 @@ pub use schema::Document;
 pub use screening::{Confirmed, Finding, Screening};
 pub use sequential::{ExpectedPairs, Measure, SampleSize, Sequential, StopDecision};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
-pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Subject};
+pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Offered, Subject};
 pub use training::{ScenarioRates, Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
 

@@ -26,6 +26,9 @@ pub struct Margin {
     pub is_complete: bool,
     /// The simulations of the search without a verdict.
     pub without_verdict: WithoutVerdict,
+    /// Why no simulation asks anything of the controller, so that none is evidence; `null`
+    /// otherwise.
+    pub asks_nothing: Option<String>,
     /// Smallest amplitude of a simulation without a verdict in all searches, from which on nothing
     /// is claimed; `null` without one.
     pub smallest_without_verdict: Option<f64>,

@@ -25,6 +25,9 @@ pub struct Metamorphic {
     pub simulations: u64,
     /// The simulations without a verdict.
     pub without_verdict: WithoutVerdict,
+    /// Why no simulation asks anything of the controller, so that none is evidence; `null`
+    /// otherwise.
+    pub asks_nothing: Option<String>,
     /// Whether the seed has an effect. If so, each pair has its own seed.
     pub is_random: bool,
     /// Whether the test was not interrupted; otherwise the counts are those of the finished pairs.

@@ -8,7 +8,10 @@ words! {
     pub enum Windows { Cut = "cut", Whole = "whole" }
 
     /// Reason for a line of `monitor --follow`.
-    pub enum MonitorEvent { Verdict = "verdict", End = "end", Interrupted = "interrupted", Bounds = "bounds" }
+    pub enum MonitorEvent {
+        Verdict = "verdict", End = "end", Interrupted = "interrupted", Bounds = "bounds",
+        NoVerdict = "no-verdict",
+    }
 }
 
 /// Robustness of formulas on recorded logs.
@@ -177,7 +180,8 @@ pub struct LogPredicate {
 pub struct MonitorChange {
     /// `verdict`: no continuation changes the verdict. `end`: the samples have ended before that,
     /// and the verdict is that of `monitor` without `--follow`. `interrupted`: a signal ended the
-    /// command. `bounds`, with `monitor.bounds`: the bounds have changed.
+    /// command. `bounds`, with `monitor.bounds`: the bounds have changed. `no-verdict`: the
+    /// requirement cannot be followed, or no longer.
     pub event: MonitorEvent,
     /// Name of the requirement; `null` for that of `--formula`.
     pub name: Option<String>,
@@ -201,6 +205,9 @@ pub struct MonitorChange {
     pub violation: Option<FirstViolation>,
     /// With `end`: whether the robustness depends on a window that is cut.
     pub cuts_windows: bool,
+    /// With `no-verdict`: why; missing otherwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
 }
 
 /// The first violation of a part of a formula.

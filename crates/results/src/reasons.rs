@@ -17,3 +17,11 @@ pub struct EndReasons {
     /// end of its standard error.
     pub reason: String,
 }
+
+impl EndReasons {
+    /// Returns the end in a word that is true whatever happened: an invalid answer of a program has
+    /// the end `crashed`, too.
+    pub fn word(&self) -> &str {
+        if self.end == "crashed" { "failed" } else { &self.end }
+    }
+}

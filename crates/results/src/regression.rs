@@ -41,6 +41,15 @@ pub struct Regression {
     pub tests: Vec<RegressionTest>,
 }
 
+impl Regression {
+    /// Returns why no test asks anything, so that none shows that a failure is fixed; `None` if one
+    /// does.
+    pub fn asks_nothing(&self) -> Option<&str> {
+        let reasons: Option<Vec<&str>> = self.tests.iter().map(|test| test.asks_nothing.as_deref()).collect();
+        reasons?.first().copied()
+    }
+}
+
 /// A counterexample, simulated again.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -70,6 +79,9 @@ pub struct RegressionTest {
     pub repeats: Option<Repeats>,
     /// Why the test fails or could not run; `null` if it passes.
     pub reason: Option<String>,
+    /// Why the simulation with the recorded seed satisfies the formula and asks nothing; `null`
+    /// otherwise.
+    pub asks_nothing: Option<String>,
     /// The same simulations with the baseline; `null` without `--baseline`.
     pub baseline: Option<BaselineTest>,
 }

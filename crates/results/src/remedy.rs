@@ -23,11 +23,13 @@ keys! {
     ALGORITHM_SETTINGS = "train.settings",
     ANY_BUILD = "engine.any-build",
     AXES = "axes",
+    BUDGET = "falsify.budget",
     COMMAND = "command",
     CONTROLLER = "controller",
     CURVE = "train.csv",
     EVENTS = "train.tensorboard",
     FORCE = "force",
+    FORMULA = "falsify.formula",
     GUARD = "guard",
     MOVED_CONTROLLER = "engine.controller",
     MOVED_TARGET = "engine.target",
@@ -38,6 +40,7 @@ keys! {
     RELABEL = "record.relabel",
     RESUME = "resume",
     REWARD = "train.reward",
+    SPACE = "space",
     TRAINER = "harden.trainer",
     LOG_TIME = "log.time",
     LOG_TIME_UNIT = "log.time-unit",
@@ -82,6 +85,8 @@ pub enum Choice {
     OneOf(&'static [&'static str]),
     /// This text.
     Text(String),
+    /// This number.
+    Number(f64),
     /// A value that only the user knows, such as `SECONDS`.
     Shape(&'static str),
     /// A range of numbers.
@@ -100,8 +105,19 @@ impl Choice {
 }
 
 /// Something else to ask.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Command {
+    /// Ask a question about the same system with some other settings.
+    Again {
+        /// Name of the question.
+        question: &'static str,
+        /// The target.
+        target: String,
+        /// Settings that stay.
+        kept: Vec<(Key, Choice)>,
+        /// Settings that change.
+        changed: Vec<(Key, Choice)>,
+    },
     /// Compare two runs, or these ones.
     Compare(Option<[String; 2]>),
     /// Explain a recorded simulation.
@@ -143,8 +159,20 @@ pub enum Command {
         /// The target.
         target: String,
     },
+    /// Train a controller on its failures.
+    Harden {
+        /// The target.
+        target: String,
+        /// Controller and space.
+        settings: Vec<(Key, Choice)>,
+    },
     /// Import the policy of another tool.
     Import,
+    /// Keep the failure of a run that is nearest to nominal as a regression test.
+    Keep {
+        /// The run file.
+        run: String,
+    },
     /// List the things of a word, such as `targets`, or describe what has this name.
     List {
         /// Word or name.
@@ -162,6 +190,11 @@ pub enum Command {
         simulation: u32,
         /// Whether its system is Python code.
         is_python: bool,
+    },
+    /// Write a page about a run and open it.
+    Report {
+        /// The run file.
+        run: String,
     },
     /// Simulate one scenario.
     Simulate {

@@ -27,6 +27,9 @@ pub struct Risk {
     pub is_complete: bool,
     /// The simulations of Monte Carlo without a verdict.
     pub without_verdict: WithoutVerdict,
+    /// Why no simulation asks anything of the controller, so that none is evidence; `null`
+    /// otherwise.
+    pub asks_nothing: Option<String>,
     /// The answer: lower and upper bound (95 %) of the probability without an assumption. For the
     /// upper one, simulations without a verdict are failures. `[0, 1]` without any verdict.
     pub bounds: [f64; 2],

@@ -48,6 +48,24 @@ pub struct Subject {
     pub control_dt: f64,
     /// Number of control steps of a whole episode.
     pub episode_steps: u64,
+    /// Other spaces and formulas of the target; `None` if only its run file is known.
+    #[serde(skip)]
+    pub offered: Option<Offered>,
+}
+
+/// Parts of a target, for advice on what to ask next.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Offered {
+    /// Names of its spaces.
+    pub spaces: Vec<String>,
+    /// Names and texts of its formulas.
+    pub formulas: Vec<(String, String)>,
+    /// Whether a simulation depends on its seed when every axis is nominal.
+    pub is_random: bool,
+    /// Names of the axes that add randomness where they are off nominal.
+    pub random_axes: Vec<String>,
+    /// Whether a hardening can train its controller.
+    pub can_harden: bool,
 }
 
 impl Subject {

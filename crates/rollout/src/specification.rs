@@ -251,12 +251,20 @@ impl FormulaMonitor {
 struct RequirementMonitor {
     monitor: FormulaMonitor,
     vacuous: Option<FormulaMonitor>,
+    /// The operands of its `and`; empty without one.
+    parts: Vec<RequirementMonitor>,
 }
 
 impl RequirementMonitor {
     fn new(formula: &Formula, signals: &[String], clock: Clock) -> Result<RequirementMonitor, RolloutError> {
         let vacuous = formula.vacuous().and_then(|found| FormulaMonitor::new(&found, signals, clock).ok());
-        Ok(RequirementMonitor { monitor: FormulaMonitor::new(formula, signals, clock)?, vacuous })
+        let mut parts = formula.demands();
+        if parts.len() < 2 {
+            parts.clear();
+        }
+        let parts = parts.iter().map(|part| RequirementMonitor::new(part, signals, clock));
+        let monitor = FormulaMonitor::new(formula, signals, clock)?;
+        Ok(RequirementMonitor { monitor, vacuous, parts: parts.collect::<Result<_, _>>()? })
     }
 
     /// Returns the robustness at time 0, and why the requirement holds and asks nothing.
@@ -277,7 +285,12 @@ impl RequirementMonitor {
                 } else if self.vacuous.as_mut().is_some_and(|found| holds(found, trace)) {
                     Some(Vacuity::Premise)
                 } else {
-                    None
+                    // A part without a value is outside of the trace.
+                    let asks = |part: &mut RequirementMonitor| {
+                        !matches!(part.at_start(trace, samples), Ok((None, _) | (_, Some(_))))
+                    };
+                    let is_empty = self.parts.is_empty() || self.parts.iter_mut().any(asks);
+                    (!is_empty).then_some(Vacuity::Parts)
                 }
             }
             _ => None,

@@ -13,3 +13,14 @@ pub fn instant(sample: usize, control_dt: f64) -> String {
     }
     format!("step {sample} ({:.2} s)", sample as f64 * control_dt)
 }
+
+/// Formats the time of a sample, such as `0.50 s`; as a step where [`instant`] does.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle_text::sample_time(3, 0.1), "0.30 s");
+/// assert_eq!(mishandle_text::sample_time(3, 1.0), "step 3");
+/// ```
+pub fn sample_time(sample: usize, control_dt: f64) -> String {
+    if control_dt == 1.0 { format!("step {sample}") } else { format!("{:.2} s", sample as f64 * control_dt) }
+}

@@ -12,11 +12,11 @@ mod shell_quote;
 mod xml;
 
 pub use ends::first_and_last_line;
-pub use instant::instant;
+pub use instant::{instant, sample_time};
 pub use integer::parse_integer;
 pub use invisible::{is_invisible, visible};
 pub use number::{
-    decimal, number_text, p_value_phrase, p_value_text, plural, probability_text, short_number,
+    decimal, measured, number_text, p_value_phrase, p_value_text, plural, probability_text, short_number,
 };
 pub use path::{path_text, shell_path};
 pub use shell_quote::shell_quote;

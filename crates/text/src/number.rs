@@ -44,6 +44,18 @@ pub fn decimal(value: f64, decimals: usize) -> String {
     }
 }
 
+/// Formats a measured number with at most four significant digits.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle_text::measured(-0.251349), "-0.2513");
+/// assert_eq!(mishandle_text::measured(2.0), "2");
+/// assert_eq!(mishandle_text::measured(f64::INFINITY), "inf");
+/// ```
+pub fn measured(value: f64) -> String {
+    number_text(format!("{value:.3e}").parse().unwrap_or(value))
+}
+
 /// Formats a number with at most six significant digits.
 ///
 /// # Example

@@ -42,7 +42,7 @@ impl Model {
 
     /// Returns the body that a camera follows: the first one of the robot with a free joint, or the
     /// last one of the longest chain of joints.
-    pub(crate) fn followed_body(&self) -> usize {
+    pub fn followed_body(&self) -> Body {
         use mujoco_rs::prelude::MjtJoint;
         let model = &*self.inner;
         let roots = self.robot_roots();
@@ -51,7 +51,7 @@ impl Model {
             (*kind == MjtJoint::mjJNT_FREE && is_part(*body as usize)).then_some(*body as usize)
         });
         if let Some(body) = free {
-            return body;
+            return Body(body);
         }
         // A body comes after its parent.
         let mut joints = vec![0; model.nbody() as usize];
@@ -59,7 +59,7 @@ impl Model {
             joints[body] = joints[model.body_parentid()[body] as usize] + model.body_jntnum()[body];
         }
         let bodies = (0..joints.len()).filter(|body| is_part(*body));
-        bodies.rev().max_by_key(|body| joints[*body]).unwrap_or_default()
+        Body(bodies.rev().max_by_key(|body| joints[*body]).unwrap_or_default())
     }
 }
 
@@ -72,7 +72,7 @@ mod tests {
     fn facts(xml: &str) -> (Vec<String>, String) {
         let model = Model::from_xml(xml).unwrap();
         let name = |body: usize| model.names(crate::ElementKind::Body)[body].clone();
-        (model.robot_roots().into_iter().map(name).collect(), name(model.followed_body()))
+        (model.robot_roots().into_iter().map(name).collect(), name(model.followed_body().0))
     }
 
     #[test]

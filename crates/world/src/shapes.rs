@@ -31,12 +31,14 @@ pub enum GeomKind {
     Box,
     /// The mesh with this index.
     Mesh(usize),
-    /// A kind without a simple surface: a height field or a signed distance field.
+    /// The height field with this index.
+    HeightField(usize),
+    /// A kind without a simple surface: a signed distance field.
     Other,
 }
 
 impl GeomKind {
-    fn of(kind: MjtGeomBase, mesh: i32) -> GeomKind {
+    fn of(kind: MjtGeomBase, data: i32) -> GeomKind {
         match kind {
             MjtGeomBase::mjGEOM_PLANE => GeomKind::Plane,
             MjtGeomBase::mjGEOM_SPHERE => GeomKind::Sphere,
@@ -44,7 +46,8 @@ impl GeomKind {
             MjtGeomBase::mjGEOM_ELLIPSOID => GeomKind::Ellipsoid,
             MjtGeomBase::mjGEOM_CYLINDER => GeomKind::Cylinder,
             MjtGeomBase::mjGEOM_BOX => GeomKind::Box,
-            MjtGeomBase::mjGEOM_MESH => GeomKind::Mesh(mesh as usize),
+            MjtGeomBase::mjGEOM_MESH => GeomKind::Mesh(data as usize),
+            MjtGeomBase::mjGEOM_HFIELD => GeomKind::HeightField(data as usize),
             _ => GeomKind::Other,
         }
     }
@@ -186,6 +189,30 @@ impl Model {
         let faces = range(model.mesh_faceadr()[index], model.mesh_facenum()[index]);
         let triangle = |face: &[i32; 3]| face.map(|vertex| vertex as u32);
         (model.mesh_vert()[vertices].to_vec(), model.mesh_face()[faces].iter().map(triangle).collect())
+    }
+
+    /// Returns vertices (m, in the frame of its geoms) and triangles of the surface of a height
+    /// field.
+    ///
+    /// # Panics
+    /// If the index is too large.
+    pub fn height_field(&self, index: usize) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let model = &*self.inner;
+        let rows = model.hfield_nrow()[index] as usize;
+        let columns = model.hfield_ncol()[index] as usize;
+        let [x, y, z, _] = model.hfield_size()[index].map(|v| v as f32);
+        let heights = &model.hfield_data()[model.hfield_adr()[index] as usize..][..rows * columns];
+        let along = |place: usize, count: usize| 2.0 * place as f32 / (count - 1) as f32 - 1.0;
+        let vertex = |(place, height): (usize, &f32)| {
+            [x * along(place % columns, columns), y * along(place / columns, rows), z * height]
+        };
+        let cell = |place: usize| {
+            let a = (place / (columns - 1) * columns + place % (columns - 1)) as u32;
+            let above = a + columns as u32;
+            [[a, a + 1, above + 1], [a, above + 1, above]]
+        };
+        let cells = 0..(rows - 1) * (columns - 1);
+        (heights.iter().enumerate().map(vertex).collect(), cells.flat_map(cell).collect())
     }
 
     /// Returns the surface of each flex that has one: the triangles of a cloth, or the outer ones

@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from typing_extensions import Unpack
 
@@ -11,12 +11,14 @@ import mishandle.results as results
 from mishandle.base.documents import Call
 from mishandle.base.files import PathLike
 from mishandle.base.interruption import Progress
+from mishandle.base.progress import reporting
 from mishandle.runs.documents import read
+from mishandle.runs.printed import Printed
 from mishandle.runs.targets import Space, TargetOptions, make_target
 
 
-@dataclass(frozen=True, kw_only=True)
-class Check(results.Check):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Check(Printed, results.Check):
     """A traceability matrix: verdict and evidence of each requirement. ``str`` gives the text of
     the command."""
 
@@ -25,9 +27,6 @@ class Check(results.Check):
     exit_code: int
     """0: nothing that counts is violated; 1: something is; 2: a requirement could not be
     checked."""
-
-    def __str__(self) -> str:
-        return self.shown
 
 
 def check(
@@ -40,7 +39,7 @@ def check(
     budget: int | None = None,
     search: str | None = None,
     seed: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | Literal[False] | None = None,
     **target: Unpack[TargetOptions],
 ) -> Check:
     """Checks all requirements of a file, as the command ``mishandle check`` does.
@@ -61,8 +60,9 @@ def check(
         Name of the search; by default ``"portfolio"``.
     seed : int
         Random seed.
-    progress : callable, optional
-        Gets the numbers of finished and of all simulations of the present run.
+    progress : callable or False, optional
+        Gets the numbers of finished and of all simulations of the present run. By default a bar;
+        ``False`` shows nothing.
 
     Examples
     --------
@@ -87,7 +87,8 @@ def check(
     given = {"episodes": episodes, "budget": budget, "search": search}
     call = Call("check", target, {"seed": seed, "check": given}, {"check": {"batch": 1}})
     made = make_target(system, formula, space, target, call)
-    document, text, exit_code = _native.check(
-        made.native, requirements=path, out=os.fspath(out), progress=progress
-    )
+    with reporting(progress) as report:
+        document, text, exit_code = _native.check(
+            made.native, requirements=path, out=os.fspath(out), progress=report
+        )
     return read(Check, document, shown=text, exit_code=exit_code)

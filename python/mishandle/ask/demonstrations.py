@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from typing import Literal
 
 from typing_extensions import Unpack
 
@@ -10,6 +11,7 @@ import mishandle.results as results
 from mishandle.base.documents import Call
 from mishandle.base.files import PathLike
 from mishandle.base.interruption import Progress
+from mishandle.base.progress import reporting
 from mishandle.errors import InvalidTypeError
 from mishandle.runs.documents import read
 from mishandle.runs.targets import ControllerOptions, controller_text
@@ -25,7 +27,7 @@ def record(
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (64, 64),
     seed: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | Literal[False] | None = None,
     **target: Unpack[ControllerOptions],
 ) -> results.Demonstrations:
     """Records what a controller sees and does as a data set to train a policy on.
@@ -73,7 +75,8 @@ def record(
     call = Call(
         "record", target, {"seed": seed, "evaluate": {"episodes": episodes}, "record": given}
     )
-    text = _native.record(
-        controller_text(system, space, target, call), out=os.fspath(out), progress=progress
-    )
+    with reporting(progress) as report:
+        text = _native.record(
+            controller_text(system, space, target, call), out=os.fspath(out), progress=report
+        )
     return read(results.Demonstrations, text)

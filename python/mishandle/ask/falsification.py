@@ -35,7 +35,7 @@ class Exports(results.Exports):
         return self.paths[index]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Falsification(RunResult, results.Falsification):
     """Counterexamples that the trials of a search found."""
 
@@ -86,7 +86,7 @@ class Falsification(RunResult, results.Falsification):
         return read(Exports, text)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Evaluation(RunResult, results.Evaluation):
     """Success rate, dangerous behavior rate and completion time of a controller."""
 
@@ -118,7 +118,7 @@ def falsify(
     search : str
         One of :func:`mishandle.ask.search_names`; by default ``"portfolio"``.
     trials, budget : int
-        Number of trials (10), and largest number of simulations of each (300).
+        Number of trials (3), and largest number of simulations of each (300).
     seed : int
         Random seed of the falsification; by default 0.
     **settings
@@ -152,7 +152,7 @@ def falsify(
     given = {"search": search, "trials": trials, "budget": budget}
     call = Call(
         "falsify", settings, {"falsify": given, "seed": seed},
-        {"falsify": {"trials": 10, "batch": 1}}
+        {"falsify": {"batch": 1}}
     )
     made = make_target(system, formula, space, run.target, call)
     result = run.ask(Falsification, made, waits=False)

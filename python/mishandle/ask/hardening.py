@@ -4,6 +4,7 @@ import os
 import pathlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from typing_extensions import Unpack
 
@@ -11,16 +12,18 @@ import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.documents import Call
 from mishandle.base.files import PathLike
+from mishandle.base.progress import reporting
 from mishandle.errors import InvalidTypeError, MishandleError
 from mishandle.policies.servers import as_server
 from mishandle.runs.documents import Reported, read
+from mishandle.runs.printed import Printed
 from mishandle.runs.targets import ControllerOptions, controller_text
 
 HardenProgress = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hardening(Reported, results.Hardening):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Hardening(Printed, Reported, results.Hardening):
     """A controller before and after a hardening."""
 
     @property
@@ -45,7 +48,7 @@ def harden(
     trainer: str | None = None,
     seed: int | None = None,
     resume: bool = False,
-    progress: HardenProgress | None = None,
+    progress: HardenProgress | Literal[False] | None = None,
     **target: Unpack[ControllerOptions],
 ) -> Hardening:
     """Trains a controller of a task on its failures until it fails less often, and measures the
@@ -86,9 +89,10 @@ def harden(
     resume : bool
         Whether to continue the hardening of ``out``, with the arguments of its start. A finished
         one is read again.
-    progress : callable, optional
+    progress : callable or False, optional
         Gets the phase, the finished part of it and the whole, now and then. Its exceptions, and
-        Ctrl-C, end the hardening; ``resume=True`` continues it.
+        Ctrl-C, end the hardening; ``resume=True`` continues it. By default a bar; ``False`` shows
+        nothing.
 
     Returns
     -------
@@ -121,11 +125,12 @@ def harden(
     call = Call(
         "harden", target, {"seed": seed, "harden": given}, {"harden": {"validation": validation}}
     )
-    text = _native.harden(
-        controller_text(system, space, target, call), out=os.fspath(out), resume=resume,
-        progress=progress
-    )
-    return read(Hardening, text)
+    with reporting(progress, unit="") as report:
+        text, lines = _native.harden(
+            controller_text(system, space, target, call), out=os.fspath(out), resume=resume,
+            progress=report
+        )
+    return read(Hardening, text, shown=lines)
 
 
 def _check_out(out: pathlib.Path, resume: bool) -> None:

@@ -15,7 +15,7 @@ from mishandle.runs.documents import RunFile, RunOptions, RunResult, write_count
 from mishandle.runs.targets import Formulas, Space, Target, make_target
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Margin(RunResult, results.Margin):
     """The smallest disturbance that violates a requirement."""
 

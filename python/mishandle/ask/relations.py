@@ -14,7 +14,7 @@ from mishandle.runs.documents import RunFile, RunOptions, RunResult, write_count
 from mishandle.runs.targets import Formulas, Space, make_target
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Metamorphic(RunResult, results.Metamorphic):
     """Relations between the results of pairs of scenarios."""
 

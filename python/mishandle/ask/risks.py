@@ -15,7 +15,7 @@ from mishandle.runs.documents import RunFile, RunOptions, RunResult, write_count
 from mishandle.runs.targets import Formulas, Space, make_target
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Risk(RunResult, results.Risk):
     """The probability that a simulation violates the formula. A simulation is a scenario of the
     distribution and a random seed."""

@@ -1,7 +1,7 @@
 """Comparison of two versions that stops by itself, and how many simulations it takes."""
 
 import os
-from typing import Any
+from typing import Any, Literal
 
 from typing_extensions import Unpack
 
@@ -9,6 +9,7 @@ import mishandle._native as _native
 from mishandle.base.documents import Call, Plan
 from mishandle.base.files import PathLike
 from mishandle.base.interruption import Progress
+from mishandle.base.progress import reporting
 from mishandle.errors import InvalidValueError
 from mishandle.results import SampleSize
 from mishandle.runs.documents import read
@@ -28,7 +29,7 @@ def compare_versions(
     seed: int | None = None,
     out: tuple[PathLike, PathLike] | None = None,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | Literal[False] | None = None,
     **target: Unpack[TargetOptions],
 ) -> Comparison:
     """Evaluates two versions on the same scenarios and seeds until a rule decides, and compares
@@ -84,10 +85,11 @@ def compare_versions(
         return make_target(system, formula, space, options, call).native
 
     first, second = made(system if has_policy else baseline, options), made(system, target)
-    paths, is_complete = _native.evaluate_pairs(
-        first, second, out=None if out is None else (os.fspath(out[0]), os.fspath(out[1])),
-        resume=resume, progress=progress
-    )
+    with reporting(progress) as report:
+        paths, is_complete = _native.evaluate_pairs(
+            first, second, out=None if out is None else (os.fspath(out[0]), os.fspath(out[1])),
+            resume=resume, progress=report
+        )
     if not is_complete:
         raise InvalidValueError(
             f"the comparison was interrupted; continue it with resume=True and out={paths}"

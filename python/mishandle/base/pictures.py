@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mishandle.errors import InvalidValueError
 
-WIDTH, HEIGHT = 320, 240
+WIDTH, HEIGHT = 640, 480
 """Size of a picture on a page, in pixels."""
 
 
@@ -75,7 +75,7 @@ def picture(frame: Any) -> bytes:
     >>> pixels = np.frombuffer(picture(np.zeros((480, 480, 3), np.uint8)), np.uint8).reshape(
     ...     HEIGHT, WIDTH, 3
     ... )
-    >>> pixels[120, 160].tolist(), pixels[120, 0].tolist()
+    >>> pixels[240, 320].tolist(), pixels[240, 0].tolist()
     ([0, 0, 0], [255, 255, 255])
     """
     if frame is None:

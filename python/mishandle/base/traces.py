@@ -13,7 +13,16 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 def trace_of(given: Any) -> Any:
     """Returns the trace of a simulation, such as those of ``simulate``; of a trace, itself."""
     is_trace = isinstance(given, Mapping) or hasattr(given, "columns")
-    return given if is_trace else getattr(given, "trace", given)
+    return _with_index(given if is_trace else getattr(given, "trace", given))
+
+
+def _with_index(trace: Any) -> Any:
+    """Returns a data frame with its named index as a column: often it has the times."""
+    names = getattr(getattr(trace, "index", None), "names", None)
+    if not names or not hasattr(trace, "reset_index"):
+        return trace
+    has_names = all(isinstance(name, str) and name not in trace.columns for name in names)
+    return trace.reset_index() if has_names else trace
 
 
 def columns_of(

@@ -151,7 +151,7 @@ def draws(axes: list[Axis], sample: Sample) -> list[tuple[list[float], int]]:
     }
     call = Call("risk", {"plan": {"risk": table}}, {"seed": sample.seed})
     target = _native.Target(call.text(), document(system), simulate=simulate)
-    _native.ask(target, out=None, resume=False, progress=None)
+    _native.ask(target, out=None, resume=False, progress=None, announce=None, earlier_probes=0)
     # Probes come before the question.
     return drawn[-sample.simulations :]
 

@@ -98,6 +98,7 @@ class OnlineMonitor(_native.OnlineMonitor):
                 f"arrays, not a {type(samples).__name__}"
             )
         self._check_name(samples)
+        _check_masks(samples)
         try:
             rows = np.asarray(samples, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -137,6 +138,12 @@ def values_of(sample: Any, signals: list[str]) -> list[Any]:
     >>> values_of(collections.namedtuple("Row", "a b")(0.0, 5.0), ["b", "a"])
     [5.0, 0.0]
     """
+    _check_masks(sample)
+    if hasattr(sample, "columns"):
+        raise InvalidTypeError(
+            f"a sample must be one number per signal; got a {type(sample).__name__} of several "
+            "samples: push_many takes them"
+        )
     if dataclasses.is_dataclass(sample):
         names = [field.name for field in dataclasses.fields(sample)]
         return _by_name(names, [getattr(sample, name) for name in names], signals)
@@ -169,6 +176,13 @@ def values_of(sample: Any, signals: list[str]) -> list[Any]:
             f"the type {found.dtype}: push_many takes several samples"
         )
     return list(np.atleast_1d(found).tolist())
+
+
+def _check_masks(sample: Any) -> None:
+    """Refuses masked values, which are missing: the data below a mask are no measurement."""
+    parts = sample if isinstance(sample, (list, tuple)) else [sample]
+    if any(np.ma.is_masked(part) for part in parts):
+        raise InvalidValueError("the sample has masked values; leave out samples that lack one")
 
 
 def _by_name(names: Sequence[str], values: Sequence[Any], signals: list[str]) -> list[Any]:

@@ -76,7 +76,7 @@ def _of_topics(
     known: list[str] = []
     for name, part in log.items():
         times = _of_log(part) if isinstance(part, Topic) else _times(part, reading)
-        part = part.columns if isinstance(part, Topic) else part
+        part = part.columns if isinstance(part, Topic) else trace_of(part)
         labels = [str(label) for label in (part if isinstance(part, Mapping) else part.columns)]
         known += [f"{name}/{label}" for label in labels]
         read = [label for label in labels if f"{name}/{label}" in signals]
@@ -146,9 +146,9 @@ def _times(trace: Any, reading: Reading) -> Times | None:
         str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)
     }
     name = "time" if stated is None else stated
-    both = _seconds_and_nanoseconds(trace, labels, name)
+    both = _seconds_and_rest(trace, labels, name)
     if both is not None:
-        reading.check_effect(["time_unit"], f"the seconds and nanoseconds of `{name}`")
+        reading.check_effect(["time_unit"], f"the seconds and the rest of `{name}`")
         return name, "log", both
     if stated is not None and stated not in labels:
         raise InvalidValueError(
@@ -183,29 +183,31 @@ def _values(trace: Any, label: Any) -> NDArray[Any]:
     return np.asarray(column if isinstance(trace, Mapping) else column.to_numpy())
 
 
-def _seconds_and_nanoseconds(
+def _seconds_and_rest(
     trace: Any, labels: Mapping[str, Any], name: str
 ) -> NDArray[np.int64] | None:
-    """Returns the times in nanoseconds of two columns, if a name means whole seconds and the
-    nanoseconds after them; ``None`` if it does not."""
+    """Returns the times in nanoseconds of two columns, if a name means whole seconds and the nano-,
+    micro- or milliseconds after them; ``None`` if it does not."""
     found = _native.time_columns(list(labels), name)
     if found is None:
         return None
-    columns = [_values(trace, labels[list(labels)[place]]) for place in found]
+    *places, unit = found
+    columns = [_values(trace, labels[list(labels)[place]]) for place in places]
     whole = []
-    for place, values in zip(found, columns):
+    for place, values in zip(places, columns):
         integers = values.astype(np.int64) if values.dtype.kind in "iuf" else None
         if integers is None or values.ndim != 1 or not np.array_equal(integers, values):
             raise InvalidValueError(
                 f"`{list(labels)[place]}` has values that are no integers; the times `{name}` are "
-                "whole seconds and nanoseconds in two columns"
+                "whole seconds and what comes after them in two columns"
             )
         whole.append(integers)
     seconds, rest = whole
-    if seconds.shape != rest.shape or np.any((rest < 0) | (rest >= 1_000_000_000)):
+    units = 1_000_000_000 // unit
+    if seconds.shape != rest.shape or np.any((rest < 0) | (rest >= units)):
         raise InvalidValueError(
-            f"`{list(labels)[found[1]]}` must have an integer from 0 to 999999999 for each of the "
-            "whole seconds"
+            f"`{list(labels)[places[1]]}` must have an integer from 0 to {units - 1} for each of "
+            "the whole seconds"
         )
-    times: NDArray[np.int64] = seconds * 1_000_000_000 + rest
+    times: NDArray[np.int64] = seconds * 1_000_000_000 + rest * unit
     return times

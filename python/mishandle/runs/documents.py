@@ -6,14 +6,16 @@ import pathlib
 import warnings
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.documents import Call, Plan
 from mishandle.base.files import PathLike, write_text
 from mishandle.base.interruption import Progress, after_the_batch, deliver
+from mishandle.base.progress import reporting
 from mishandle.errors import MishandleError
+from mishandle.runs.printed import Printed
 from mishandle.runs.targets import Target, TargetOptions
 from mishandle.scenarios.arguments import check_out
 
@@ -48,10 +50,11 @@ class RunOptions(TargetOptions, total=False):
     """Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for
     the first one of a system that is deterministic: if it differs, the system is not that of the
     run."""
-    progress: Progress | None
+    progress: Progress | Literal[False] | None
     """Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
     Ctrl-C, end the question after the running batch. The exception has the result so far as its
-    attribute ``result``."""
+    attribute ``result``. By default a bar in terminals and notebooks, and a line from time to time
+    on standard error elsewhere; ``False`` shows nothing."""
 
 
 class RunFile:
@@ -69,14 +72,16 @@ class RunFile:
         """Asks the question of a target. Returns the result, and warns the caller of the caller of
         its notes. ``waits`` says whether Ctrl-C waits for the end of the running batch."""
         out = None if self._out is None else os.fspath(self._out)
-        progress = nullcontext(self._progress)
-        with after_the_batch(self._progress) if waits else progress as report:
-            text, interruption, notes = _native.ask(
-                target.native, out=out, resume=self._resume, progress=report
-            )
+        with reporting(self._progress) as progress:
+            announce = getattr(progress, "announce", None)
+            with after_the_batch(progress) if waits else nullcontext(progress) as report:
+                text, lines, interruption, notes = _native.ask(
+                    target.native, out=out, resume=self._resume, progress=report,
+                    announce=announce, earlier_probes=target.probes
+                )
         for note in notes:
             warnings.warn(note, stacklevel=3)
-        result = read(kind, text, **target.facts)
+        result = read(kind, text, shown=lines, **target.facts)
         result.remember(target.native)
         return deliver(result, interruption)
 
@@ -102,10 +107,10 @@ class Reported:
         raise NotImplementedError
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunResult(Reported):
-    """A result with a run file. It remembers its system, so that it can simulate more; a copy from
-    pickle has forgotten it."""
+@dataclass(frozen=True, kw_only=True, repr=False)
+class RunResult(Printed, Reported):
+    """A result with a run file. ``str`` gives the lines that say what it means. It remembers its
+    system, so that it can simulate more; a copy from pickle has forgotten it."""
 
     largest_difference: float = 0.0
     """Largest difference between two simulations of the nominal scenario with the same seed."""
@@ -113,6 +118,7 @@ class RunResult(Reported):
     """Tracebacks of exceptions of the system."""
     not_covered: tuple[str, ...] = ()
     """Parts of the system that its hash does not cover."""
+    shown: str = field(default="", compare=False)
 
     if TYPE_CHECKING:
         run: str | None
@@ -123,7 +129,7 @@ class RunResult(Reported):
         return pathlib.Path(self.run or "")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if not name.startswith("_")}
+        return {name: value for name, value in self.__dict__.items() if name != "_target"}
 
     def remember(self, target: _native.Target) -> None:
         # The dataclasses are frozen, and the system is not a field: it cannot be compared or

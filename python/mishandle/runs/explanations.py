@@ -3,11 +3,13 @@
 import json
 import os
 import pathlib
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.files import write_text
+from mishandle.runs.printed import Printed
 
 
 class Explanation(results.Explanation):
@@ -34,8 +36,11 @@ class ComparedRobustness(NamedTuple):
     second_succeeds: bool
 
 
-class Comparison(results.Comparison):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Comparison(Printed, results.Comparison):
     """Two evaluations of the same scenarios and seeds, compared pair by pair."""
+
+    shown: str = field(default="", compare=False)
 
     @property
     def compared(self) -> tuple[ComparedRobustness, ...]:
@@ -68,8 +73,8 @@ def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Co
     MishandleError
         If the runs differ in more than the controller, or one is not complete.
     """
-    text = _native.compare(os.fspath(first), os.fspath(second))
-    return results.build(Comparison, json.loads(text))
+    text, lines = _native.compare(os.fspath(first), os.fspath(second))
+    return results.build(Comparison, {**json.loads(text), "shown": lines})
 
 
 def diff(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> results.RunDifference:

@@ -80,6 +80,8 @@ class Target:
     """Nominal values of a task; the seed of a simulation draws those that are ``None``."""
     not_covered: tuple[str, ...] = ()
     """Parts of the system that its hash does not cover."""
+    probes: int = 0
+    """Number of simulations of the nominal scenario that showed whether it is deterministic."""
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -254,9 +256,12 @@ def make_target(
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: axis.nominal_value for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
+    # A function was called once for its signals.
+    probes = 2 + isinstance(local, FunctionSystem)
     if executor is not None:
         distributed = (RayExecutor() if isinstance(executor, str) else executor).system(under_test)
         largest_difference = max(largest_difference, _probe(under_test, distributed, nominal))
+        probes += 2
         under_test = distributed
     if largest_difference > 0:
         warnings.warn(
@@ -304,7 +309,9 @@ def make_target(
         ],
         painter=Painter(local) if local.has_pictures else None,
     )
-    return Target(native, under_test, space, largest_difference, not_covered=not_covered)
+    return Target(
+        native, under_test, space, largest_difference, not_covered=not_covered, probes=probes
+    )
 
 
 def _warn_of_gaps(not_covered: Sequence[str]) -> None:
@@ -522,14 +529,16 @@ def _seeing(call: str, target: str, options: TargetOptions) -> Target:
     native, gaps = make(is_deterministic and states_determinism(policy))
     if gaps and version is None:
         _warn_of_gaps(gaps)
-    return _of_core(native, system, gaps)
+    return _of_core(native, system, gaps, probes=2)
 
 
-def _of_core(native: _native.Target, system: System, not_covered: tuple[str, ...]) -> Target:
+def _of_core(
+    native: _native.Target, system: System, not_covered: tuple[str, ...], probes: int = 0
+) -> Target:
     system.signals = native.signals
     axes = [Axis.from_document(axis) for axis in json.loads(native.axes)]
     nominal = [None if axis.nominal is None else float(axis.nominal) for axis in axes]
-    return Target(native, system, axes, 0.0, nominal, not_covered)
+    return Target(native, system, axes, 0.0, nominal, not_covered, probes)
 
 
 def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOptions) -> System:

@@ -84,6 +84,8 @@ pub(in crate::run) fn evaluation_result(facts: &Facts, run: &Path, is_complete: 
         is_complete,
         without_verdict: WithoutVerdict::default(),
         metrics: Metrics::default(),
+        asks_nothing: None,
+        breaks: Vec::new(),
         corners: None,
         axis_rates: None,
         sequential: None,

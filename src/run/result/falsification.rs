@@ -83,6 +83,7 @@ fn trial(facts: &Facts, found: &TrialOutcome) -> Trial {
         first_unevaluated: found.first_unevaluated.as_ref().map(unevaluated),
         repeats: None,
         physics: None,
+        violation: None,
         cause: None,
     }
 }

@@ -36,6 +36,7 @@ pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run:
         is_random: space_depends_on_seed(resolved),
         is_complete: *is_complete,
         without_verdict: WithoutVerdict::default(),
+        asks_nothing: None,
         smallest_without_verdict: found.smallest_without_verdict,
         categories: categories(&resolved.space, space_of(found).unwrap_or(&resolved.space)),
         each_category: each_category

@@ -39,6 +39,7 @@ pub(crate) fn metamorphic_result(
         pairs: settings.pairs,
         simulations: found.simulations,
         without_verdict: WithoutVerdict::default(),
+        asks_nothing: None,
         is_random: space_depends_on_seed(resolved),
         is_complete: found.is_complete,
         relations: relations

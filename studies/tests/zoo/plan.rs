@@ -54,8 +54,7 @@ impl Repository {
         let page = |names: &[&str]| -> String {
             names.iter().map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).collect()
         };
-        repository.write("README.md", &page(&["pictures"]));
-        repository.write("docs/reference/tasks.md", &page(&["tasks"]));
+        repository.write("docs/reference/tasks.md", &page(&["pictures", "tasks"]));
         let tables = ["summary", "controllers", "noise", "training", "curves"];
         repository.write("controllers/README.md", &page(&tables));
         repository
@@ -153,9 +152,8 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
         "| `point-reaching` | `ppo` | 2048 | 1024 | 2 | 64 | 2 | 10500 | 4 | `mishandle train` | c0ffee |"
     );
     assert!(page.contains("| `point-reaching` | `ddpg` | not measured |"));
-    let readme = repository.read("README.md");
-    assert!(readme.contains("<img src=\"crates/tasks/src/point_reaching/picture.png\""), "{readme}");
     let tasks = repository.read("docs/reference/tasks.md");
+    assert!(tasks.contains("<img src=\"../../crates/tasks/src/point_reaching/picture.png\""), "{tasks}");
     assert!(tasks.contains("| `point-reaching` | `a` |\n"), "{tasks}");
     // A second call finds nothing to do.
     let calls = repository.runner.calls();

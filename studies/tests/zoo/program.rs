@@ -60,8 +60,7 @@ fn repository(folder: &Path) -> Program {
     let page = |names: &[&str]| -> String {
         names.iter().map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).collect()
     };
-    write("README.md", page(&["pictures"]));
-    write("docs/reference/tasks.md", page(&["tasks"]));
+    write("docs/reference/tasks.md", page(&["pictures", "tasks"]));
     let tables = ["summary", "controllers", "noise", "training", "curves"];
     write("controllers/README.md", page(&tables));
     Program { repository: folder.to_path_buf() }

@@ -32,7 +32,7 @@ with open(out, 'wb') as raw, gzip.GzipFile('', 'wb', 9, raw, mtime=0) as packed:
 
 const README: &str = "# Mishandle
 
-    bin/mishandle falsify ball-balancing --controller ppo --space delay --trials 2
+    bin/mishandle demo
 
 The program finds MuJoCo's library in lib/mishandle. Move both together, or copy the folders bin, lib and share into
 a prefix such as /usr/local. The program needs glibc GLIBC or later and, on x86-64, AVX2 and FMA. The command render

@@ -1,13 +1,25 @@
-//! Sizes of files: whoever clones the repository downloads each version of each file.
+//! Sizes of files: whoever clones the repository downloads each version of each file, and whoever
+//! comes reads the first page.
 
 use super::{File, Problem, Tree};
+use crate::markdown::links;
 
 /// Largest size of a file, bytes.
 const LARGEST: usize = 256 << 10;
 
+/// Most lines and links of the first page.
+const FRONT: [usize; 2] = [120, 25];
+
 pub fn check(tree: &Tree) -> Vec<Problem> {
     let large = tree.files.iter().filter(|file| file.size > LARGEST && !may_be_large(&file.path));
-    large.map(problem).collect()
+    large.map(problem).chain(tree.file("README.md").and_then(front)).collect()
+}
+
+/// Returns the problem of a first page that is too long to be read.
+fn front(page: &File) -> Option<Problem> {
+    let [lines, links] = [page.text.lines().count(), links(&page.text).count()];
+    let what = format!("has {lines} lines and {links} links, more than {} or {}", FRONT[0], FRONT[1]);
+    (lines > FRONT[0] || links > FRONT[1]).then(|| Problem { path: page.path.clone(), line: 1, what })
 }
 
 /// Returns whether a file may be larger: weights of controllers, and what tests compare with.
@@ -50,5 +62,16 @@ mod tests {
     fn the_size_of_a_binary_file_counts() {
         let picture = File { path: "docs/a.png".into(), text: String::new(), size: LARGEST + 1 };
         assert_eq!(check(&Tree { files: vec![picture] }).len(), 1);
+    }
+
+    #[test]
+    fn the_first_page_is_short() {
+        let found = |text: &str| {
+            check(&Tree::of(&[("README.md", text), ("docs/README.md", &"a\n".repeat(200))])).len()
+        };
+        assert_eq!(found(&"a\n".repeat(FRONT[0])), 0);
+        assert_eq!(found(&"a\n".repeat(FRONT[0] + 1)), 1);
+        assert_eq!(found(&"[a](b) ".repeat(FRONT[1])), 0);
+        assert_eq!(found(&"[a](b) ".repeat(FRONT[1] + 1)), 1);
     }
 }

@@ -63,6 +63,8 @@ pub struct Arguments {
     pub search: Option<String>,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -87,9 +89,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let found = check(&subjects, &requirements, &settings.check, out, &mut |progress: &CheckProgress| {
-        bar.set_length(progress.all);
+        bar.set_part(&progress.phase, progress.all);
         bar.set_position(progress.done);
-        bar.set_note(progress.phase.clone());
         control_flow()
     });
     let Some(found) = found? else {
@@ -104,7 +105,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if command.run.json {
         output::json(&found)?;
     } else {
-        output::line(&show::check::text(&found))?;
+        show::check::print(&found, command.verbose.verbose)?;
     }
     output::message(&format!("Page: {}", shell_path(&page)));
     status(&found)

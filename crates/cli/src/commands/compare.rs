@@ -6,7 +6,7 @@ use mishandle::plan::{EvaluatePlan, Until};
 use mishandle::run::Engine;
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_report::comparison_page;
+use mishandle_report::{FlippedPairs, comparison_page};
 use mishandle_text::shell_quote;
 
 use crate::exit_status::ExitStatus;
@@ -14,7 +14,7 @@ use crate::flags::{self, Planned, numbers};
 use crate::run;
 use crate::run::sample_size::{self, Expectation};
 use crate::show::progress::Bar;
-use crate::show::{comparison, difference, output};
+use crate::show::{answer, comparison, difference, escape, output};
 use crate::words::shell_command;
 
 /// Compare two controllers, or two versions of one, on the same scenarios and seeds
@@ -81,6 +81,8 @@ pub struct Arguments {
     pub force: bool,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 /// Arguments of `compare` that two run files already determine.
@@ -108,6 +110,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         None => Default::default(),
     };
     let skip_check = settings.engine.skip_check;
+    ensure!(
+        !command.exact || max_share.is_none(),
+        "max-without-verdict has no effect with --exact, which compares records and concludes nothing; leave it out"
+    );
     let paths = match (&command.subject.target, &command.second) {
         (Some(first), Some(second)) => {
             let paths = [PathBuf::from(first), second.clone()];
@@ -135,19 +141,26 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         found.set_max_share(max_share);
     }
     if let Some(out) = &command.out {
-        output::write_atomically(out, command.force, comparison_page(&found, [&a, &b])?.as_bytes())?;
+        let flipped = FlippedPairs::simulate(&found, [&a, &b], || run::control_flow().is_break());
+        let page = comparison_page(&found, [&a, &b], &flipped)?;
+        output::write_atomically(out, command.force, page.as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
     }
     if command.run.json {
         output::json(&found)?;
     } else {
-        output::line(&comparison::text(&found))?;
+        let verdict = mishandle::verdict::comparison(&found);
+        let details = if command.verbose.verbose { comparison::details(&found) } else { String::new() };
+        answer::print_parts(Some(&verdict), &comparison::text(&found), &details)?;
     }
     // Exit code 0 would say that B fails nowhere, and 1 that it fails.
     ensure!(
         found.has_verdicts(),
         "the controllers were not compared: no random simulation of one of them has a verdict"
     );
+    if let Some(reason) = &found.asks_nothing {
+        bail!("no conclusion: both runs ask nothing: {}", escape::name(reason));
+    }
     for (name, run) in [("A", &found.first), ("B", &found.second)] {
         run::answers::conclude(&run.without_verdict, found.new_violations > 0).context(name)?;
     }
@@ -198,7 +211,7 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     run::stop_on_signals(&bar)?;
     // Both files, so that the commands that resume them work after an interruption.
     let [first, second] = &plans;
-    let files = [mishandle::run::create_run(first, None)?, mishandle::run::create_run(second, None)?];
+    let files = [run::create(first, None)?, run::create(second, None)?];
     let paths = files.each_ref().map(|run| run.file().path().to_path_buf());
     let names = paths.each_ref().map(|path| shell_quote(&path.to_string_lossy()));
     if plan.compare.is_some() {

@@ -49,6 +49,8 @@ pub struct Arguments {
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 /// Arguments that mean nothing without simulations.
@@ -72,7 +74,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     }
     let asked =
         question::ask(RunKind::Evaluate, &command.subject.keys.keys, &command.file, gpu, || plan(command))?;
-    answers::show(asked, command.run.json)
+    answers::show(asked, command.run.json, command.verbose.verbose)
 }
 
 fn plan(command: &Arguments) -> Result<(Plan, Settings)> {

@@ -34,7 +34,7 @@ pub struct Arguments {
     /// the text of a formula [default: the target's first formula, which is success for a task]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
-    /// Number of trials: independent searches, each with its own random seed [default: 30]
+    /// Number of trials: independent searches, each with its own random seed [default: 3]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::TRIALS))]
     #[arg(conflicts_with = "resume")]
     pub trials: Option<u32>,
@@ -46,13 +46,15 @@ pub struct Arguments {
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let asked =
         question::ask(RunKind::Falsify, &command.subject.keys.keys, &command.file, gpu, || plan(command))?;
-    answers::show(asked, command.run.json)
+    answers::show(asked, command.run.json, command.verbose.verbose)
 }
 
 fn plan(command: &Arguments) -> Result<(Plan, Settings)> {

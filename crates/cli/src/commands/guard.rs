@@ -55,9 +55,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let mut watch = |progress: &TuneProgress| {
-        bar.set_length(progress.all);
+        bar.set_part(progress.phase, progress.all);
         bar.set_position(progress.done);
-        bar.set_note(progress.phase.to_string());
         control_flow()
     };
     let mut planned =

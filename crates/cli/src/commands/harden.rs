@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::HardenPlan;
+use mishandle::results::Answer;
 use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
 use mishandle_text::shell_path;
@@ -14,7 +15,7 @@ use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::{self, control_flow};
 use crate::show::progress::Bar;
-use crate::show::{escape, hardening, output};
+use crate::show::{answer, escape, output};
 
 /// Train a controller on its failures until it fails less often, and prove it
 #[derive(Debug, Args)]
@@ -66,6 +67,8 @@ pub struct Arguments {
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 /// Arguments that a resumed hardening takes from its plan.
@@ -114,7 +117,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     if command.run.json {
         output::json(&found)?;
     } else {
-        output::line(&hardening::text(&found))?;
+        answer::print(&Answer::Hardening(Box::new(found.clone())), command.verbose.verbose)?;
     }
     output::message(&format!("Folder of all runs: {quoted}"));
     if found.without_verdict.is_too_large() {

@@ -39,13 +39,15 @@ pub struct Arguments {
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let asked =
         question::ask(RunKind::Margin, &command.subject.keys.keys, &command.file, None, || plan(command))?;
-    answers::show(asked, command.run.json)
+    answers::show(asked, command.run.json, command.verbose.verbose)
 }
 
 fn plan(command: &Arguments) -> Result<(Plan, Settings)> {

@@ -15,7 +15,7 @@ use crate::exit_status::ExitStatus;
 use crate::flags::{self, Planned, numbers};
 use crate::run;
 use crate::show::progress::Bar;
-use crate::show::{output, regression};
+use crate::show::{escape, output, regression};
 
 pub use junit_xml::report as junit;
 
@@ -180,7 +180,9 @@ fn test(command: &Arguments) -> Result<ExitStatus> {
         let controllers = [&command.controller, &command.baseline].into_iter().flatten().map(Path::new);
         output::refuse_inputs(path, "--junit", files.iter().map(PathBuf::as_path).chain(controllers))?;
     }
-    let bar = Bar::new(files.len() as u64 * suite.simulations(), "simulations");
+    let simulations = files.len() as u64 * suite.simulations();
+    output::message(&format!("at most {}", plural(simulations, "simulation")));
+    let bar = Bar::new(simulations, "simulations");
     run::stop_on_signals(&bar)?;
     let mut tests = Vec::new();
     let mut times = Vec::new();
@@ -229,5 +231,8 @@ fn test(command: &Arguments) -> Result<ExitStatus> {
     // A counterexample without a verdict is not fixed.
     let undecided = found.without_verdict;
     ensure!(undecided == 0, "{undecided} of {} without a verdict", plural(found.tests.len(), "test"));
+    if let Some(reason) = found.asks_nothing() {
+        bail!("no conclusion: the tests ask nothing: {}", escape::name(reason));
+    }
     Ok(ExitStatus::Done)
 }

@@ -1,3 +1,4 @@
+mod film;
 mod view;
 
 use std::path::{Path, PathBuf};
@@ -16,12 +17,9 @@ use mishandle_text::{instant, plural};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::interrupt;
 use crate::run::path_kind::{self, PathKind};
 use crate::run::{self, counterexample};
-use crate::show::progress::Bar;
-use crate::show::video::{self, Video};
-use crate::show::{output, simulation};
+use crate::show::{output, simulation, video};
 
 /// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
 const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
@@ -44,6 +42,7 @@ const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
   mishandle render runs/RUN.sqlite --camera auto,close --out two.mp4    two views
   mishandle render runs/RUN.sqlite --camera auto,over,wrist --out seen.mp4   what cameras saw
   mishandle render runs/RUN.sqlite -k render.around=0.5 --speed 0.25 --out slow.mp4
+  mishandle render runs/RUN.sqlite -k render.around=1 --out film.apng   for a README
 
 Pictures of a simulation center on its event, and `render` says which one it is and why. If the
 formula is violated by something that must always hold, it is the violation. If the formula needs
@@ -51,7 +50,8 @@ one good instant (`eventually`), it is the closest approach. If the formula is s
 instant with the smallest margin. A video holds the event for a second. `-k render.event=contact`
 and `-k render.event=release` center on something else.
 
-Rendering needs no display. Videos need the program ffmpeg.
+Rendering needs no display. Videos need the program ffmpeg. An animated PNG (.apng) needs neither
+ffmpeg nor OpenGL, and has the same bytes on every machine: our ray caster draws it.
 
 The viewer comes from the Python package `mujoco`, which must be installed and needs a display. The
 simulation runs again and must be bit-identical to its record. Then its states play in a loop: space
@@ -80,7 +80,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
     pub camera: Vec<String>,
     /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720,
-    /// video 640x480, filmstrip 480x360]
+    /// video 640x480, filmstrip 480x360, .apng 320x240]
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
     /// Speed of a video or of the viewer relative to the simulation [default: 1]
@@ -90,7 +90,7 @@ pub struct Arguments {
     /// Open the simulation in MuJoCo's viewer
     #[arg(long, conflicts_with_all = ["out", "camera", "size"])]
     pub view: bool,
-    /// Output file: .png for a picture or a filmstrip, .mp4 for a video
+    /// Output file: .png for a picture or a filmstrip, .mp4 for a video, .apng for a small one
     #[arg(long, value_name = "FILE", required_unless_present = "view")]
     pub out: Option<PathBuf>,
     /// Overwrite FILE if it exists
@@ -130,12 +130,12 @@ impl Job<'_> {
     }
 
     fn drawing(&self) -> Drawing {
+        if kind(self.out).is_ok_and(|kind| kind == Kind::Apng) {
+            return Drawing::Rays;
+        }
         Drawing::OpenGl(if self.settings.render.fast { Quality::Fast } else { Quality::Fine })
     }
 }
-
-/// The camera is placed by every second state, which is enough to show all motions.
-const FIT_STRIDE: usize = 2;
 
 /// Frames per row of a filmstrip.
 const STRIP_COLUMNS: usize = 3;
@@ -145,6 +145,9 @@ const PICTURE_SIZE: (u32, u32) = (960, 720);
 
 /// Default size of a video, in pixels.
 const VIDEO_SIZE: (u32, u32) = (640, 480);
+
+/// Default size of an animated PNG, in pixels.
+const APNG_SIZE: (u32, u32) = (320, 240);
 
 /// Default size of a frame in a filmstrip, in pixels.
 const STRIP_SIZE: (u32, u32) = (480, 360);
@@ -156,6 +159,7 @@ const IMAGE_SIZE: [u16; 2] = [64, 64];
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Png,
+    Apng,
     Mp4,
 }
 
@@ -188,6 +192,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let default = match kind {
         Kind::Png if is_recorded => STRIP_SIZE,
         Kind::Png => PICTURE_SIZE,
+        Kind::Apng => APNG_SIZE,
         Kind::Mp4 => VIDEO_SIZE,
     };
     let size = size(command.size.as_deref(), default)?;
@@ -217,7 +222,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     };
     let status = match kind {
         Kind::Png => filmstrip(&mut renderer, &trajectory, event, &job)?,
-        Kind::Mp4 => video(&mut renderer, &trajectory, event, &job)?,
+        Kind::Apng => film::animation(&mut renderer, &trajectory, event, &job)?,
+        Kind::Mp4 => film::video(&mut renderer, &trajectory, event, &job)?,
     };
     match status {
         ExitStatus::Interrupted => output::message("interrupted; nothing was written"),
@@ -272,8 +278,9 @@ fn with_cameras(error: MishandleError, target: Vec<String>) -> MishandleError {
 fn kind(out: &Path) -> Result<Kind> {
     match out.extension().and_then(|extension| extension.to_str()) {
         Some("png") => Ok(Kind::Png),
+        Some("apng") => Ok(Kind::Apng),
         Some("mp4") => Ok(Kind::Mp4),
-        _ => bail!("--out is {}; it must end in .png (picture) or .mp4 (video)", out.display()),
+        _ => bail!("--out is {}; it must end in .png (picture), .mp4 or .apng (video)", out.display()),
     }
 }
 
@@ -422,10 +429,11 @@ fn filmstrip(
 ) -> Result<ExitStatus> {
     let states = &trajectory.states;
     let last = states.len() - 1;
-    let decisive = event.map_or(last, |event| event.sample.min(last));
+    let center = event.map_or(last, |event| event.sample.min(last));
+    let (start, end) = event.map_or((None, last), |event| event.ends());
     let film = Film::new(trajectory.control_dt, last, event.as_ref(), job.settings.render.around, 1.0);
     let (from, to) = film.window;
-    let steps = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, from, to);
+    let steps = mishandle::picture::strip_samples(start, end, from, to);
     let count = steps.len();
     renderer.fit(&steps.iter().map(|step| states[*step].as_slice()));
     // As few empty cells as this number of rows has: four frames are two rows of two.
@@ -438,7 +446,7 @@ fn filmstrip(
     }
     if count > 1 {
         let time = |step: &usize| {
-            let name = event.filter(|_| *step == decisive).map(|event| format!(" ({})", event.kind.name()));
+            let name = event.filter(|_| *step == center).map(|event| format!(" ({})", event.kind.name()));
             format!("{:.2} s{}", *step as f64 * trajectory.control_dt, name.unwrap_or_default())
         };
         let times: Vec<String> = steps.iter().map(time).collect();
@@ -447,51 +455,4 @@ fn filmstrip(
     let bytes = png(whole.width() as u32, whole.height() as u32, whole.pixels())?;
     output::write_atomically(job.out, job.command.force, &bytes)?;
     Ok(ExitStatus::Done)
-}
-
-fn video(
-    renderer: &mut FrameRenderer,
-    trajectory: &StateTrajectory,
-    event: Option<Event>,
-    job: &Job<'_>,
-) -> Result<ExitStatus> {
-    let StateTrajectory { states, control_dt, .. } = trajectory;
-    let last = states.len() - 1;
-    let speed = job.command.speed.unwrap_or(1.0);
-    let film = Film::new(*control_dt, last, event.as_ref(), job.settings.render.around, speed);
-    let (first, end) = film.window;
-    if film.window != (0, last) {
-        output::message(&format!(
-            "the video shows {} to {}",
-            instant(first, *control_dt),
-            instant(end, *control_dt)
-        ));
-    }
-    renderer.fit(&states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));
-    // From here on a signal must not end the program directly, because an unfinished file must be
-    // removed.
-    let bar = Bar::new(film.samples.len() as u64, "frames");
-    let cleared = bar.line();
-    interrupt::listen(|| (), move || cleared.finish_and_clear())?;
-    let file = output::create(job.out, job.command.force)?;
-    let mut video = Video::start(file, renderer.frame_size(), film.rate)?;
-    let mut drawn: Option<(usize, Picture)> = None;
-    for (done, sample) in (1..).zip(&film.samples) {
-        if interrupt::requested() {
-            return Ok(ExitStatus::Interrupted);
-        }
-        // A held sample is drawn once.
-        let picture = match drawn.take() {
-            Some((known, picture)) if known == *sample => picture,
-            _ => renderer.draw(*sample, &states[*sample])?,
-        };
-        if video.push_frame(picture.pixels())?.is_break() {
-            return Ok(ExitStatus::Interrupted);
-        }
-        drawn = Some((*sample, picture));
-        bar.set_position(done);
-    }
-    let finished = video.finish()?;
-    bar.clear();
-    Ok(if finished.is_break() { ExitStatus::Interrupted } else { ExitStatus::Done })
 }

@@ -1,14 +1,18 @@
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::counterexample::CounterexampleReplay;
 use mishandle::plan::EngineSettings;
+use mishandle::resolve::Moved;
+use mishandle::store::RunFile;
+use mishandle_report::{Recording, RunReport, replay_page};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, counterexample, path_kind};
+use crate::run::{self, browser, counterexample, path_kind};
 use crate::show::{output, reasons, replay, simulation};
+use crate::words::shell_command;
 
 /// Replay a recorded simulation and check that the result is bit-identical
 #[derive(Debug, Args)]
@@ -16,6 +20,7 @@ use crate::show::{output, reasons, replay, simulation};
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
   mishandle replay runs/RUN.sqlite --trace trace.csv -k trace.columns=full
+  mishandle replay runs/RUN.sqlite --open               in 3-D, in the browser
   mishandle replay failure.json                         an exported counterexample
 
 Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and
@@ -36,6 +41,10 @@ pub struct Arguments {
     /// velocities, actions and contact forces
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
+    /// Write a page with a 3-D replay of the simulation, beside the run file, and open it in the
+    /// browser
+    #[arg(long)]
+    pub open: bool,
     /// Number of threads; does not affect the result [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
@@ -76,6 +85,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         };
         simulation::write_trace(path, header, &replayed.episode.trace, &more)?;
     }
+    if command.open {
+        open(command, &file, (trial, simulation), engine.moved())?;
+    }
     let found = replayed.result(&file);
     if command.json {
         output::json(&found)?;
@@ -92,9 +104,30 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
+/// Opens a page with a 3-D replay of a simulation.
+fn open(command: &Arguments, file: &RunFile, place: (u32, u32), moved: Moved<'_>) -> Result<()> {
+    let mut report = RunReport::load(file, &command.file.to_string_lossy(), None, shell_command)?;
+    let status =
+        report.record_replay(file, moved, Some(place), |_| String::new(), |_, _| run::control_flow())?;
+    ensure!(
+        status == Recording::Done,
+        "{} has no 3-D replay: its target has no scene",
+        command.file.display()
+    );
+    let page = browser::page_beside(&command.file, &format!("-t{}-s{}", place.0, place.1));
+    output::write_atomically(&page, true, replay_page(&report).as_bytes())?;
+    output::message(&format!("wrote {}", page.display()));
+    browser::open(&page)
+}
+
 /// Replays an exported counterexample.
 fn counterexample(command: &Arguments, engine: &EngineSettings, is_full: bool) -> Result<ExitStatus> {
     flags::check_flags(command.trial, command.simulation)?;
+    ensure!(
+        !command.open,
+        "--open shows a simulation of a run file, and {} is a counterexample",
+        command.file.display()
+    );
     let (recorded, replayed) = counterexample::replay(&command.file, engine.moved())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace {

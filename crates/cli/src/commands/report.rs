@@ -15,16 +15,17 @@ use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::log_question::{self, Question};
 use crate::run::path_kind::{self, PathKind};
-use crate::run::{self, pages};
+use crate::run::{self, browser, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
 use crate::words::shell_command;
 
 /// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures), about a
 /// learning curve, or about logs
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:
   mishandle report runs/RUN.sqlite --out report.html
+  mishandle report runs/RUN.sqlite --open               with a 3-D replay, in the browser
   mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
   mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
   mishandle report runs/RUN.sqlite -k report.simulations=false --out report.html
@@ -35,10 +36,10 @@ use crate::words::shell_command;
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
   mishandle report --log logs/*.csv --formula 'always(force <= 2)' --out logs.html
 
-The page is one HTML file that loads nothing and runs no script. docs/guide/report.md explains its
-charts. If the target of a run is available, scenarios around each failure mode are simulated,
-corners, and repeats with other seeds. Otherwise the page has what the run file contains.
-docs/guide/logs.md describes logs.")]
+The page is one HTML file that loads nothing. It runs no script without --interactive and --open.
+docs/guide/report.md explains its charts. If the target of a run is available, scenarios around each
+failure mode are simulated, corners, and repeats with other seeds. Otherwise the page has what the
+run file contains. docs/guide/logs.md describes logs.")]
 #[command(mut_arg("runs", |runs| runs.conflicts_with_all(flags::OF_LOGS)))]
 pub struct Arguments {
     /// Run files, the folder of a campaign, of a check, of a bisection or of a hardening, or the
@@ -46,13 +47,20 @@ pub struct Arguments {
     #[arg(value_name = "RUN", required_unless_present_any = flags::OF_LOGS)]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
-    #[arg(long, value_name = "FILE", required_unless_present = "markdown")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["markdown", "open"])]
     pub out: Option<PathBuf>,
     /// Markdown file to create about run files or a check, for a pull request or a README: verdict,
     /// rates, failure modes, and success over the range of each axis. Without --out, nothing is
     /// simulated
     #[arg(long, value_name = "FILE", conflicts_with_all = flags::OF_LOGS)]
     pub markdown: Option<PathBuf>,
+    /// Add a 3-D replay of the failures, which a script in the page draws
+    #[arg(long, conflicts_with_all = flags::OF_LOGS)]
+    pub interactive: bool,
+    /// Open the page, with a 3-D replay, in the browser; without --out, the page is beside the run
+    /// file and replaces an earlier one
+    #[arg(long, conflicts_with_all = flags::OF_LOGS)]
+    pub open: bool,
     /// Overwrite the files of --out and --markdown
     #[arg(long)]
     pub force: bool,
@@ -66,6 +74,13 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    let beside = command.runs.first().filter(|_| command.open && command.out.is_none());
+    let Some(run) = beside else { return write_page(command) };
+    let out = Some(browser::page_beside(run, ""));
+    write_page(&Arguments { out, force: true, ..command.clone() })
+}
+
+fn write_page(command: &Arguments) -> Result<ExitStatus> {
     let (Settings { engine, report, log, .. }, _) = command.keys.settings("report")?;
     if command.runs.is_empty() {
         return write_logs(command, &log);
@@ -89,6 +104,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         simulations: (report.simulations && command.out.is_some()).then_some((samples, &bar)),
         controller: engine.controller.as_deref(),
         skip_check: engine.skip_check,
+        has_replay: command.interactive || command.open,
         force: command.force,
     };
     let is_alone = command.runs.len() == 1;
@@ -129,8 +145,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             let names: Vec<String> = names.map(|file| file.display().to_string()).collect();
             let verb = if names.len() == 1 { "is" } else { "are" };
             output::message(&format!(
-                "interrupted: nothing is kept, {} {verb} not written",
-                names.join(" and ")
+                "interrupted: {} {verb} not written; the simulations are kept in {}, and the same command continues",
+                names.join(" and "),
+                pages::kept_file(path).display()
             ));
             return Ok(ExitStatus::Interrupted);
         };
@@ -228,7 +245,11 @@ fn write_logs(command: &Arguments, log: &LogSettings) -> Result<ExitStatus> {
 }
 
 fn write(page: &str, command: &Arguments) -> Result<ExitStatus> {
-    write_file(page_file(command)?, page, command)?;
+    let file = page_file(command)?;
+    write_file(file, page, command)?;
+    if command.open {
+        browser::open(file)?;
+    }
     Ok(ExitStatus::Done)
 }
 

@@ -55,6 +55,8 @@ pub struct Arguments {
     pub keys: flags::SettingKeys,
     #[command(flatten)]
     pub run: flags::Run,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
@@ -151,7 +153,7 @@ fn ask(
 ) -> Result<ExitStatus> {
     let file = OpenRun { out: command.out.clone(), resume: command.resume.clone() };
     let asked = question::ask(kind, &command.keys.keys, &file, gpu, plan)?;
-    answers::show(asked, command.run.json)
+    answers::show(asked, command.run.json, command.verbose.verbose)
 }
 
 /// Runs or completes the runs of a folder.

@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use mishandle::results::Answer;
 use mishandle_text::{path_text, shell_path};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::path_kind::{self, PathKind};
-use crate::show::{bisection, check, hardening, output};
+use crate::show::{answer, bisection, check, output};
 
 /// Show a run, its failures or one simulation, a folder of runs, or a controller
 #[derive(Debug, Args)]
@@ -64,6 +65,8 @@ pub struct Arguments {
     pub json: bool,
     #[command(flatten)]
     pub keys: flags::SettingKeys,
+    #[command(flatten)]
+    pub verbose: flags::Verbose,
 }
 
 /// A simulation of a run.
@@ -112,14 +115,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         ),
         folder => {
             check_flags(command, "a folder")?;
-            return show_folder(path, &folder, command.json);
+            return show_folder(path, &folder, command.json, command.verbose.verbose);
         }
     }
     let file = crate::run::read(path, settings.engine.skip_check)?;
     match (command.masking, command.simulation) {
         (Some(limit), _) => explain::masking(&file, &settings.engine, limit, command.json),
         (None, Some(place)) => explain::simulation(&file, command.trial, place, &settings, command.json),
-        (None, None) => modes::show(&file, &settings.engine, command.json),
+        (None, None) => modes::show(&file, &settings.engine, command.json, command.verbose.verbose),
     }
 }
 
@@ -133,10 +136,10 @@ fn check_flags(command: &Arguments, what: &str) -> Result<()> {
 }
 
 /// Shows the answer in a folder, or the run files there.
-fn show_folder(path: &Path, kind: &PathKind, json: bool) -> Result<ExitStatus> {
+fn show_folder(path: &Path, kind: &PathKind, json: bool, verbose: bool) -> Result<ExitStatus> {
     match kind {
         PathKind::Check(found) if json => output::json(found)?,
-        PathKind::Check(found) => output::line(&check::text(found))?,
+        PathKind::Check(found) => check::print(found, verbose)?,
         PathKind::Bisection(found) if json => output::json(found)?,
         PathKind::Bisection(found) => output::line(&bisection::text(found))?,
         PathKind::Hardening => {
@@ -144,7 +147,7 @@ fn show_folder(path: &Path, kind: &PathKind, json: bool) -> Result<ExitStatus> {
             if json {
                 output::json(&found)?;
             } else {
-                output::line(&hardening::text(&found))?;
+                answer::print(&Answer::Hardening(Box::new(found)), verbose)?;
             }
         }
         _ => return table::show(&[path.to_path_buf()], json),

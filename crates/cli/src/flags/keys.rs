@@ -94,7 +94,7 @@ fn is_within(key: &str, tables: &[&str]) -> bool {
 }
 
 /// Flags that set keys of a plan.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct Keys {
     /// Set a key of the plan; repeat the flag for several. Text stands as it is, other values are
     /// TOML

@@ -10,7 +10,7 @@ use super::named_formula;
 pub const OF_LOGS: [&str; 4] = ["paths", "formula", "requirement", "requirements"];
 
 /// Formulas on logs.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Formulas")]
 pub struct LogQuestion {
     /// Formula in the syntax of RTAMT
@@ -26,7 +26,7 @@ pub struct LogQuestion {
 }
 
 /// Logs as an alternative to runs.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Logs instead of runs")]
 pub struct Logs {
     /// Files with a log each, as for `mishandle monitor`, whose flags for formulas and keys of the

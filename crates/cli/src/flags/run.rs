@@ -21,6 +21,14 @@ pub struct Run {
     pub json: bool,
 }
 
+/// How much of an answer a command prints.
+#[derive(Debug, Args)]
+pub struct Verbose {
+    /// Print all tables and values, too, not only what the answer means
+    #[arg(long, conflicts_with = "json")]
+    pub verbose: bool,
+}
+
 /// Flags that create or open the run file of a command that runs simulations.
 #[derive(Debug, Args)]
 pub struct OpenRun {

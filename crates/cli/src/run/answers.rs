@@ -8,21 +8,41 @@ use mishandle::results::{
 use mishandle::run::inconclusive_text;
 use mishandle::store::RunKind;
 use mishandle_text::plural;
+use serde::Serialize;
 
 use super::question::Asked;
 use super::{ExitStatus, control_flow};
 use crate::show::progress::Bar;
-use crate::show::{escape, evaluation, falsification, margin, metamorphic, mode_survey, output, risk};
+use crate::show::{answer, escape, falsification, output};
+
+/// How an answer is printed.
+#[derive(Clone, Copy)]
+enum Form {
+    Json,
+    Text { verbose: bool },
+}
+
+impl Form {
+    /// Prints the answer of a question. `has_text` says whether it has one as text.
+    fn print(self, asked: &Asked, found: &impl Serialize, has_text: bool) -> Result<()> {
+        match self {
+            Form::Json => output::json(found),
+            Form::Text { verbose } if has_text => answer::print(&asked.answer, verbose),
+            Form::Text { .. } => Ok(()),
+        }
+    }
+}
 
 /// Prints the answer of a question.
-pub fn show(mut asked: Asked, as_json: bool) -> Result<ExitStatus> {
+pub fn show(mut asked: Asked, as_json: bool, verbose: bool) -> Result<ExitStatus> {
     add_further(&mut asked)?;
+    let form = if as_json { Form::Json } else { Form::Text { verbose } };
     match &asked.answer {
-        Answer::Evaluation(found) => of_evaluation(&asked, found, as_json),
-        Answer::Falsification(found) => of_falsification(&asked, found, as_json),
-        Answer::Margin(found) => of_margin(&asked, found, as_json),
-        Answer::Risk(found) => of_risk(&asked, found, as_json),
-        Answer::Metamorphic(found) => of_relations(&asked, found, as_json),
+        Answer::Evaluation(found) => of_evaluation(&asked, found, form),
+        Answer::Falsification(found) => of_falsification(&asked, found, form),
+        Answer::Margin(found) => of_margin(&asked, found, form),
+        Answer::Risk(found) => of_risk(&asked, found, form),
+        Answer::Metamorphic(found) => of_relations(&asked, found, form),
         Answer::Hardening(_) => unreachable!("no run file asks for a hardening"),
     }
 }
@@ -58,14 +78,10 @@ fn add_further(asked: &mut Asked) -> Result<()> {
 }
 
 /// Prints the answer of `evaluate`.
-fn of_evaluation(asked: &Asked, found: &Evaluation, as_json: bool) -> Result<ExitStatus> {
+fn of_evaluation(asked: &Asked, found: &Evaluation, form: Form) -> Result<ExitStatus> {
     let report = &found.metrics;
     let has_result = report.simulations > 0;
-    if as_json {
-        output::json(found)?;
-    } else if found.is_complete || (found.screening.is_some() && has_result) {
-        output::line(&evaluation::text(found))?;
-    }
+    form.print(asked, found, found.is_complete || (found.screening.is_some() && has_result))?;
     let without = report.diverged + report.invalid + report.undecided + report.failed;
     let tested = match &found.screening {
         Some(counts) => {
@@ -112,16 +128,9 @@ fn asks_something(asked: &Asked) -> Result<()> {
 }
 
 /// Prints the answer of `falsify`.
-fn of_falsification(asked: &Asked, found: &Falsification, as_json: bool) -> Result<ExitStatus> {
+fn of_falsification(asked: &Asked, found: &Falsification, form: Form) -> Result<ExitStatus> {
     falsification::report_unevaluated(found);
-    if as_json {
-        output::json(found)?;
-    } else if found.is_complete || (found.screening.is_some() && found.simulations > 0) {
-        output::line(&falsification::text(found))?;
-        if let Some(survey) = &found.modes {
-            output::line(&mode_survey::text(&found.subject, survey))?;
-        }
-    }
+    form.print(asked, found, found.is_complete || (found.screening.is_some() && found.simulations > 0))?;
     if let Some(counts) = &found.screening {
         asked.report_screening(counts);
     }
@@ -145,17 +154,12 @@ fn of_falsification(asked: &Asked, found: &Falsification, as_json: bool) -> Resu
         asks_something(asked)?;
         return Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done });
     }
-    output::message(&format!("Replay the first counterexample: mishandle replay {}", asked.name));
     Ok(ExitStatus::Violated)
 }
 
 /// Prints the answer of `margin`.
-fn of_margin(asked: &Asked, found: &Margin, as_json: bool) -> Result<ExitStatus> {
-    if as_json {
-        output::json(found)?;
-    } else {
-        output::line(&margin::text(found))?;
-    }
+fn of_margin(asked: &Asked, found: &Margin, form: Form) -> Result<ExitStatus> {
+    form.print(asked, found, true)?;
     if let Some(witness) = &found.witness {
         output::message(&format!(
             "Witness: mishandle replay {} --simulation {}",
@@ -166,6 +170,7 @@ fn of_margin(asked: &Asked, found: &Margin, as_json: bool) -> Result<ExitStatus>
         return Ok(status);
     }
     ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
+    asks_something(asked)?;
     conclude(&found.without_verdict, found.witness.is_some())
 }
 
@@ -182,15 +187,11 @@ pub fn conclude(without_verdict: &WithoutVerdict, is_violated: bool) -> Result<E
 }
 
 /// Prints the answer of `risk`.
-fn of_risk(asked: &Asked, found: &Risk, as_json: bool) -> Result<ExitStatus> {
+fn of_risk(asked: &Asked, found: &Risk, form: Form) -> Result<ExitStatus> {
     for warning in mishandle::run::risk_scenarios(&asked.resolved)?.warnings() {
         output::message(&format!("warning: {warning}"));
     }
-    if as_json {
-        output::json(found)?;
-    } else if found.screening.is_none() || found.simulations > 0 {
-        output::line(&risk::text(found))?;
-    }
+    form.print(asked, found, found.screening.is_none() || found.simulations > 0)?;
     let tested = match &found.screening {
         Some(counts) => {
             asked.report_screening(counts);
@@ -211,20 +212,18 @@ fn of_risk(asked: &Asked, found: &Risk, as_json: bool) -> Result<ExitStatus> {
         found.monte_carlo.without_verdict + found.monte_carlo.invalid_starts < tested,
         "no simulation of Monte Carlo has a verdict, so the controller was not tested"
     );
+    asks_something(asked)?;
     conclude(&found.without_verdict, !found.failures.is_empty())
 }
 
 /// Prints the answer of relations.
-fn of_relations(asked: &Asked, found: &Metamorphic, as_json: bool) -> Result<ExitStatus> {
+fn of_relations(asked: &Asked, found: &Metamorphic, form: Form) -> Result<ExitStatus> {
     if !found.is_complete {
         return Ok(asked.report_file().unwrap_or(ExitStatus::Interrupted));
     }
-    if as_json {
-        output::json(found)?;
-    } else {
-        output::line(&metamorphic::text(&[(asked.kind.name(), found)]))?;
-    }
+    form.print(asked, found, true)?;
     asked.report_file();
     ensure!(found.has_verdict(), "no simulation has a verdict, so nothing was tested");
+    asks_something(asked)?;
     conclude(&found.without_verdict, found.is_broken())
 }

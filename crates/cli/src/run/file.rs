@@ -9,7 +9,7 @@ use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::plural;
 
 use crate::flags::OpenRun;
-use crate::show::output;
+use crate::show::{cost, output};
 
 /// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else
 /// a new run with the plan `new_plan`.
@@ -28,7 +28,7 @@ pub fn open(
             "--out ends with .json, but a run file is SQLite; choose another name, such as run.sqlite"
         );
         let resolved = ResolvedPlan::new(&plan)?;
-        let mut run = mishandle::run::create_run(&resolved, flags.out.as_deref())?;
+        let mut run = create(&resolved, flags.out.as_deref())?;
         sync(&mut run)?;
         return Ok((resolved, run));
     };
@@ -54,6 +54,18 @@ pub fn open(
         mishandle::run::admit_build(&mut run, &resolved)?;
     }
     Ok((resolved, run))
+}
+
+/// Creates the run file of a question. Says how many simulations it takes before the probes, and
+/// about how long after them.
+pub fn create(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter> {
+    let cost = mishandle::run::cost(resolved)?;
+    output::message(&cost::text(&cost));
+    let (run, probes) = mishandle::run::create_probed_run(resolved, path)?;
+    if let Some(text) = cost::time_text(&cost, &probes, 0) {
+        output::message(&text);
+    }
+    Ok(run)
 }
 
 /// Largest number of differences that are reported.

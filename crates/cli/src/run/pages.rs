@@ -1,6 +1,7 @@
 //! Pages about runs and campaigns.
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
@@ -10,8 +11,8 @@ use mishandle::results::{BisectedCandidate, Bisection, Hardening};
 use mishandle::run::needs_target;
 use mishandle::store::RunFile;
 use mishandle_report::{
-    BisectionEvidence, GridRun, HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples,
-    ViolatedCounterexamples, campaign_page, hardening_page, run_page, statistics_page,
+    BisectionEvidence, GridRun, HardenedModes, HardeningSummary, Measurement, Recording, RunReport,
+    RunSummary, Samples, ViolatedCounterexamples, campaign_page, hardening_page, run_page, statistics_page,
 };
 use mishandle_text::{path_text, plural, shell_path};
 
@@ -37,6 +38,8 @@ pub struct Options<'a> {
     /// Present path of the runs' controller, if the file was moved.
     pub controller: Option<&'a str>,
     pub skip_check: bool,
+    /// Whether a page of a run has a 3-D replay.
+    pub has_replay: bool,
     /// Whether existing files are replaced.
     pub force: bool,
 }
@@ -49,6 +52,9 @@ impl Options<'_> {
         }
     }
 }
+
+/// Time from which on the simulations of a finished page are kept for the next one.
+const WORTH_KEEPING: Duration = Duration::from_secs(10);
 
 /// Why nothing is simulated.
 pub const NO_SIMULATIONS: &str = "they were not requested (report.simulations = false)";
@@ -168,6 +174,13 @@ pub fn bisection(found: &Bisection, options: &Options<'_>) -> Result<Option<Bise
     BisectionEvidence::collect(found, violated, read, shell_command)
 }
 
+/// Returns the file that keeps the simulations of a page, beside the run.
+pub fn kept_file(run: &Path) -> PathBuf {
+    let mut name = run.as_os_str().to_owned();
+    name.push(".report");
+    name.into()
+}
+
 /// Returns the report of a run; `None` after an interruption.
 pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
     let header = file.header();
@@ -177,18 +190,44 @@ pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Opti
         report.note_no_simulations(NO_SIMULATIONS);
         return Ok(Some(report));
     };
-    bar.set_note(path.display().to_string());
+    let kept = kept_file(path);
+    report.keep_in(kept.clone());
+    let began = Instant::now();
     let measured = report.measure(file, options.controller, samples, |done, total| {
-        bar.set_length(total);
+        bar.set_part(&format!("page of {}", path.display()), total);
         bar.set_position(done);
         control_flow()
     })?;
+    // What took a moment is not worth a file.
+    if measured != Measurement::Interrupted && began.elapsed() < WORTH_KEEPING {
+        let _ = std::fs::remove_file(&kept);
+    }
     match measured {
         Measurement::Interrupted => return Ok(None),
         Measurement::Skipped { reason } => {
             report.note_no_simulations(&reason);
             let said = format!("{}: the page has no further simulations: {reason}", path.display());
             bar.line().suspend(|| output::message(&said));
+        }
+        Measurement::Done if options.has_replay => {
+            let open = |(trial, simulation)| {
+                let run = shell_path(path);
+                format!("mishandle replay {run} --trial {trial} --simulation {simulation} --open")
+            };
+            let replay = report.record_replay(file, options.controller, None, open, |done, total| {
+                if done == 0 {
+                    let simulations = plural(total, "simulation");
+                    bar.line().suspend(|| output::message(&format!("the 3-D replay takes {simulations}")));
+                }
+                bar.set_length(total);
+                bar.set_position(done);
+                control_flow()
+            });
+            match replay {
+                Ok(Recording::Interrupted) => return Ok(None),
+                Ok(Recording::Done | Recording::Nothing) => {}
+                Err(error) => report.add_note(format!("The 3-D replay is missing: {error}.")),
+            }
         }
         Measurement::Done => {}
     }

@@ -1,10 +1,20 @@
 //! Requirements that were checked on a target, as text.
 
+use anyhow::Result;
 use mishandle::results::{Check, CheckCell};
 use mishandle_report::{check_summary, marked_verdict, off_nominal};
 use mishandle_text::{decimal, plural};
 
 use super::{answer, escape, output, physics};
+
+/// Prints what a check means, and its matrix; with `verbose` the evidence of each cell.
+///
+/// # Errors
+/// If stdout cannot be written.
+pub fn print(found: &Check, verbose: bool) -> Result<()> {
+    let below = if verbose { text(found) } else { output::table(&matrix(found)) };
+    answer::print_parts(Some(&mishandle::verdict::check(found)), &below, "")
+}
 
 /// Returns the matrix, the numbers of verdicts, and the evidence of each cell.
 pub fn text(found: &Check) -> String {

@@ -1,8 +1,7 @@
 //! The comparison of two evaluations, as text.
 
 use mishandle::evaluation::Corners;
-use mishandle::results::{ComparedPair, ComparedRun, Comparison, Estimate, Number, PairedRates};
-use mishandle::run::compared_without_verdict;
+use mishandle::results::{ComparedPair, Comparison, Estimate, Number};
 use mishandle_text::{decimal, p_value_text, plural};
 
 use super::{escape, output, scenario};
@@ -13,35 +12,44 @@ const MAX_LISTED: usize = 20;
 /// Largest number of axes whose values the text shows.
 const MAX_VALUES: usize = 6;
 
-/// Returns the rates and means of both runs, and the failures.
+/// Returns what stands below the verdict: what else differs between the runs, and the failures.
 pub fn text(found: &Comparison) -> String {
-    let name = |run: &ComparedRun| {
-        let controller =
-            run.controller.as_deref().map_or(String::new(), |name| format!("{}, ", escape::name(name)));
-        let guard =
-            run.guard.as_ref().map_or(String::new(), |guard| format!("{}, ", escape::name(&guard.words())));
-        format!("{controller}{guard}{}", escape::name(&run.run))
-    };
-    let mut parts = vec![format!(
-        "{}{}: {} on the same scenarios and seeds\nA: {}\nB: {}",
-        without_verdict(found),
-        escape::name(&found.target),
-        plural(found.pairs, "pair"),
-        name(&found.first),
-        name(&found.second),
-    )];
+    let mut parts = Vec::new();
     parts.extend(mishandle::inspect::sameness(&found.first, &found.second).map(|text| escape::name(&text)));
     if !found.differences.is_empty() {
         let listed: Vec<String> =
             found.differences.iter().map(|difference| escape::name(difference)).collect();
         parts.push(format!("A and B also differ in:\n  {}", listed.join("\n  ")));
     }
+    let [new, fixed] = found.changes();
+    let replay = |pairs: &[ComparedPair]| {
+        pairs.first().map_or(String::new(), |pair| format!("; replay the first: {}", pair.replay))
+    };
+    let lines = [
+        ("new failures, where A succeeds and B fails", new, &found.new_failures),
+        ("fixed failures, where A fails and B succeeds", fixed, &found.fixed_failures),
+    ];
+    let lines = lines.into_iter().filter(|(_, all, _)| *all > 0);
+    parts.extend(lines.map(|(title, all, pairs)| format!("{all} {title}{}", replay(pairs))));
+    let wrapped = |part: &String| {
+        part.lines().map(|line| output::folded(line, output::width())).collect::<Vec<_>>().join("\n")
+    };
+    parts.iter().map(wrapped).collect::<Vec<_>>().join("\n")
+}
+
+/// Returns the means of both runs, and the first of the failures with their scenarios.
+pub fn details(found: &Comparison) -> String {
+    let mut parts = vec![format!("{} on the same scenarios and seeds", plural(found.pairs, "pair"))];
     parts.push(output::table(&table(found)));
-    parts.push(if found.at_any_time { format!(
-            "{} All p-values and intervals hold at any time; those marked with * are for a number of pairs that is fixed \
-             beforehand.",
-            found.verdict
-        ) } else { format!("{} The other p-values are of exact sign tests.", found.verdict) });
+    if found.at_any_time {
+        parts.push(
+            "All p-values and intervals hold at any time; those marked with * are for a number of pairs that is fixed \
+             beforehand."
+                .to_string(),
+        );
+    } else {
+        parts.push("These p-values are of exact sign tests.".to_string());
+    }
     let [new, fixed] = found.changes();
     let lists = [
         ("New failures: A succeeds, B fails", new, &found.new_failures),
@@ -56,37 +64,8 @@ pub fn text(found: &Comparison) -> String {
     parts.join("\n\n")
 }
 
-/// Says which simulations count as no success, and which pairs count nowhere: the first lines.
-fn without_verdict(found: &Comparison) -> String {
-    let left_out = (found.left_out > 0).then(|| {
-        format!("left out: {}, from whose scenario the target cannot start", plural(found.left_out, "pair"))
-    });
-    let runs = compared_without_verdict(found);
-    let runs = runs.into_iter().map(|text| format!("{text}; they do not count as successes"));
-    runs.chain(left_out).map(|line| line + "\n").collect()
-}
-
 fn table(found: &Comparison) -> Vec<Vec<String>> {
     let mut rows = vec![["", "A", "B", "B - A", "95 % interval", "p", "n"].map(String::from).to_vec()];
-    let percent = |value: Option<f64>| value.map_or("-".to_string(), |rate| format!("{:.2} %", 100.0 * rate));
-    let rates = [
-        ("success rate", Some(&found.success)),
-        ("strict success rate", found.strict_success.as_ref()),
-        ("careful success rate", found.careful_success.as_ref()),
-    ];
-    for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
-        let PairedRates { first, second, difference, p_value, .. } = rates;
-        let points = |value: f64| format!("{:+.2}", 100.0 * value);
-        rows.push(vec![
-            name.to_string(),
-            percent(first.value),
-            percent(second.value),
-            difference.value.map_or("-".to_string(), points),
-            interval(difference, &points),
-            difference.value.map_or("-".to_string(), |_| p_value_text(*p_value)),
-            difference.n.to_string(),
-        ]);
-    }
     let is_clipped = found.sequential.as_ref().is_some_and(|rule| rule.robustness_bounds.is_some());
     let robustness = if is_clipped { "robustness, clipped" } else { "robustness" };
     let means = [
@@ -145,8 +124,7 @@ fn list(found: &Comparison, title: &str, all: u64, pairs: &[ComparedPair]) -> St
     let more = all.saturating_sub(MAX_LISTED as u64);
     let lists = if all > pairs.len() as u64 { "lists the first of them" } else { "lists all" };
     let more = if more > 0 { format!("\n… and {more} more: --json {lists}") } else { String::new() };
-    let example = pairs.first().map_or(String::new(), |pair| pair.replay.clone());
     let has_corners = pairs.iter().any(|pair| pair.trial == Corners::TRIAL);
     let corners = if has_corners { "; trial 2: corners and center of the initial box" } else { "" };
-    format!("{title}{corners}\n{}{more}\nReplay the first: {example}", output::table(&rows))
+    format!("{title}{corners}\n{}{more}", output::table(&rows))
 }

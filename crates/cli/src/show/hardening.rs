@@ -3,12 +3,11 @@
 use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening};
 use mishandle_text::{p_value_text, plural};
 
-use super::{answer, escape, output};
+use super::{escape, output};
 
-/// Returns the verdict, the measures before and after, and how they were reached.
-pub fn text(found: &Hardening) -> String {
+/// Returns all measures before and after, and how they were reached.
+pub fn details(found: &Hardening) -> String {
     let mut parts = vec![
-        answer::without_verdict(&found.without_verdict, "they do not count as successes") + &found.verdict,
         format!(
             "{}, controller {}{}, space {}, seed {}",
             escape::name(&found.target),

@@ -49,8 +49,9 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(relations().map(row)).collect();
     let mut text = String::new();
     for (run, found) in runs {
-        let line = answer::without_verdict(&found.without_verdict, "their pairs do not count");
-        if !line.is_empty() {
+        let nothing = found.asks_nothing.as_ref().filter(|_| !found.is_broken());
+        let undecided = answer::without_verdict(&found.without_verdict, "their pairs do not count");
+        for line in [answer::asks_nothing(nothing), undecided].iter().filter(|line| !line.is_empty()) {
             text.push_str(&format!("{run}: {line}"));
         }
     }

@@ -1,6 +1,7 @@
 //! Failure modes, as text.
 
 use mishandle::results::{AxisFacts, FailureMode};
+use mishandle::verdict::axis_value;
 use mishandle_text::{decimal, instant, plural};
 
 use super::{escape, output, physics, scenario};
@@ -88,7 +89,7 @@ impl Modes<'_> {
         let shown = ranges.iter().take(REGION_AXES).map(|(axis, [low, high])| {
             let value = |value: &f64| scenario::value_text(axis, Some(*value));
             let range = if low == high { value(low) } else { format!("{} to {}", value(low), value(high)) };
-            scenario::axis_value(&escape::name(&axis.name), &range, &escape::name(&axis.unit))
+            axis_value(&escape::name(&axis.name), &range, &escape::name(&axis.unit))
         });
         let rest = if more > 0 { format!(", and {more} more") } else { String::new() };
         shown.collect::<Vec<_>>().join(", ") + &rest

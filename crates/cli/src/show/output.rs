@@ -23,6 +23,11 @@ pub fn line(text: &str) -> Result<()> {
     print(&escape::text(text))
 }
 
+/// Prints lines that are escaped already, and have the colors of a terminal.
+pub fn styled(escaped: &str) -> Result<()> {
+    print(escaped)
+}
+
 fn print(escaped: &str) -> Result<()> {
     writeln!(std::io::stdout().lock(), "{escaped}")?;
     Ok(())

@@ -13,7 +13,7 @@ pub fn text(found: Option<&[EndReasons]>) -> String {
         let which = if found.simulations == 1 { first } else { format!("the first is {first}") };
         let text = format!(
             "{}: {} ({which}): {}",
-            escape::name(&found.end),
+            escape::name(found.word()),
             plural(found.simulations, "simulation"),
             escape::name(&first_and_last_line(&found.reason))
         );

@@ -3,7 +3,7 @@
 use mishandle::results::{Number, Regression, RegressionResult, RegressionTest, Repeats};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output};
+use super::{answer, escape, output};
 
 /// Reports on stderr what is uncertain about the results.
 pub fn report_problems(found: &Regression) {
@@ -69,7 +69,8 @@ pub fn text(found: &Regression) -> String {
         })
         .collect();
     let gap = if reasons.is_empty() { "" } else { "\n" };
-    format!("{}\n\n{}{gap}{reasons}", output::table(&rows), summary(tests, has_baseline))
+    let nothing = answer::asks_nothing(found.asks_nothing().map(str::to_owned).as_ref());
+    format!("{nothing}{}\n\n{}{gap}{reasons}", output::table(&rows), summary(tests, has_baseline))
 }
 
 /// Returns the numbers of tests by result. With a baseline also how far the tests that fail with

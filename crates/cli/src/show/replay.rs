@@ -1,6 +1,7 @@
 //! A replay, as text.
 
 use mishandle::results::{AxisFacts, Replay};
+use mishandle::verdict::axis_value;
 use mishandle_text::plural;
 
 use super::{escape, scenario, simulation, subject};
@@ -22,7 +23,7 @@ fn lines(found: &Replay, name: &str) -> String {
             Some(value) if !axis.is_discrete() => value.to_string(),
             value => scenario::value_text(axis, *value),
         };
-        scenario::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
+        axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
     };
     let values = found.space_axes.iter().zip(&found.initial_configuration).map(value);
     format!(

@@ -1,96 +1,61 @@
 //! The failure probability, as text.
 
 use mishandle::results::{
-    AxisDistribution, AxisFacts, AxisValues, Estimate, Importance, Probability, Risk, RiskFailure, Screening,
-    Splitting,
+    AxisDistribution, AxisFacts, AxisValues, Estimate, Importance, Risk, RiskFailure, Splitting,
 };
-use mishandle::risk::{FREQUENT, Method};
-use mishandle_text::{decimal, number_text, plural, probability_text as probability};
+use mishandle::risk::FREQUENT;
+use mishandle_text::{measured, number_text, plural, probability_text as probability};
 
-use super::{answer as any_answer, escape, output, reasons, scenario, screening, simulation, subject};
+use super::{escape, output, reasons, scenario, screening, simulation, subject};
 
 /// Largest number of axes with one distribution whose names are printed.
 const NAMED: usize = 3;
 
-/// Returns the answer, its parts and the failures; after a screening the disagreements of the two
-/// engines.
+/// Returns what stands below the verdict: after a screening the disagreements of the two engines,
+/// and reasons.
 pub fn text(found: &Risk) -> String {
-    let text = match &found.screening {
-        Some(counts) => screened_text(found, counts),
-        None => direct_text(found),
-    };
-    text + &reasons::text(found.reasons.as_deref())
+    let screening = found.screening.as_ref().map(|counts| {
+        format!(
+            "from simulations of MuJoCo C: it assumes nothing of MuJoCo Warp\n\n{}{}",
+            screening::engines(
+                counts,
+                &[("failure", "failures there")],
+                ["violated or no verdict", "satisfied"]
+            ),
+            simulation::without_gpu_verdict(counts.without_verdict, counts.overflows)
+        )
+    });
+    screening.unwrap_or_default() + &reasons::text(found.reasons.as_deref())
 }
 
-/// Returns the lines above the answer.
-fn heading(found: &Risk) -> String {
-    format!(
-        "{}{}\nformula {}\n{}\n\n{}",
-        any_answer::without_verdict(&found.without_verdict, "the bounds count them as failures"),
+/// Returns the distribution, the parts of the estimation, and the failures.
+pub fn details(found: &Risk) -> String {
+    let mut parts = vec![format!(
+        "{}\nformula {}\n{}",
         subject::heading(&found.subject),
         escape::name(&found.formula),
-        distribution(found),
-        if found.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
-    )
-}
-
-fn direct_text(found: &Risk) -> String {
-    let refusals: String =
-        found.refusals.iter().map(|refusal| format!("no estimate: {refusal}\n\n")).collect();
-    // The chosen method was not run: the answer is that of another one.
-    let is_leading =
-        found.method == Method::Splitting.name() && found.splitting_refusal.as_deref() == Some("budget");
-    let (before, after) = if is_leading { (refusals.as_str(), "") } else { ("", refusals.as_str()) };
-    let mut text = format!(
-        "{}{before}{}\n\n{}\n\n{after}",
-        heading(found),
-        answer(found),
-        output::table(&parts(found)),
-    );
-    text.truncate(text.trim_end().len());
-    text.push_str(&left_out(found));
-    text.push_str(&failures_text(found));
-    text
-}
-
-fn screened_text(found: &Risk, counts: &Screening) -> String {
-    let mut text = format!(
-        "{}{}\nfrom simulations of MuJoCo C: it assumes nothing of MuJoCo Warp\n\n{}",
-        heading(found),
-        answer(found),
-        screening::engines(counts, &[("failure", "failures there")], ["violated or no verdict", "satisfied"]),
-    );
-    text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
-    text.push_str(&left_out(found));
-    text.push_str(&failures_text(found));
-    text
-}
-
-/// Says how many scenarios the probability is not about.
-fn left_out(found: &Risk) -> String {
-    match found.monte_carlo.invalid_starts {
-        0 => String::new(),
-        n => format!(
-            "\n\nthe probability is that among scenarios from which the target can start, which leaves out {}",
-            plural(n, "simulation")
-        ),
+        distribution(found)
+    )];
+    if found.screening.is_none() {
+        parts.push(output::table_in(&self::parts(found), output::width()));
     }
+    if !found.failures.is_empty() {
+        parts.push(failures_text(found));
+    }
+    parts.join("\n\n")
 }
 
 fn failures_text(found: &Risk) -> String {
-    if found.failures.is_empty() {
-        return String::new();
-    }
     let failure = |RiskFailure { scenario, seed, robustness, .. }: &RiskFailure| {
         format!(
             "\n  {}, seed {}: robustness {}",
             scenario::summary(&found.subject.space_axes, scenario),
             seed.0,
-            decimal(robustness.0, 4),
+            measured(robustness.0),
         )
     };
     format!(
-        "\n\nfailures, those nearest to the center of the distribution first:{}",
+        "failures, those nearest to the center of the distribution first:{}",
         found.failures.iter().map(failure).collect::<String>()
     )
 }
@@ -129,23 +94,6 @@ fn distribution(found: &Risk) -> String {
         lines.push("the seed of each simulation is random, too".to_string());
     }
     lines.join("\n")
-}
-
-fn answer(found: &Risk) -> String {
-    let [low, high] = found.bounds.map(probability);
-    let bounds = format!("from {low} to {high} with 95 % confidence, which assumes nothing");
-    let estimate = |found: &Probability| {
-        let value = probability(found.value.unwrap_or(f64::NAN));
-        format!("{value}, 95 % interval {}", interval(found.low, found.high))
-    };
-    let answer = match &found.probability {
-        None => format!("no estimate; {bounds}"),
-        Some(found) => match &found.assumption {
-            None => format!("{}, which assumes nothing", estimate(found)),
-            Some(assumption) => format!("{bounds}\nif {assumption}: {}", estimate(found)),
-        },
-    };
-    format!("probability of a violation: {answer}")
 }
 
 /// Returns the parts of the estimation as a table.

@@ -2,7 +2,6 @@
 
 use mishandle::results::{AxisFacts, AxisValues, Scenario};
 use mishandle::rollout::{self, Axis, AxisKind};
-use mishandle_text::decimal;
 
 use super::escape;
 
@@ -84,39 +83,12 @@ pub fn first_text(axes: &[AxisFacts], scenario: &Scenario, max_values: usize) ->
     values.join(", ") + &rest
 }
 
+/// Formats an axis and its value.
 pub fn axis_text(axis: &AxisFacts, value: Option<f64>) -> String {
-    axis_value(&escape::name(&axis.name), &value_text(axis, value), &escape::name(&axis.unit))
+    escape::name(&mishandle::verdict::axis_text(axis, value))
 }
 
-/// Formats a value of an axis: the name of a category, an integer, or a number with four decimals.
+/// Formats a value of an axis.
 pub fn value_text(axis: &AxisFacts, value: Option<f64>) -> String {
-    match (value, &axis.values) {
-        (None, _) => "random".to_string(),
-        (Some(value), AxisValues::Categories(names)) => {
-            let name = names.get((value - axis.low) as usize);
-            name.map_or(value.to_string(), |name| escape::name(name))
-        }
-        (Some(value), _) if axis.is_discrete() && value.abs() < 1e9 => value.to_string(),
-        (Some(value), _) => decimal(value, 4),
-    }
-}
-
-/// Formats the value of an axis with its unit: `gap = 1.5 m`, `delay = 1 control step`.
-pub fn axis_value(name: &str, value: &str, unit: &str) -> String {
-    // Other units are symbols: `s` is seconds.
-    let unit = if value == "1" && unit.ends_with("steps") { unit.trim_end_matches('s') } else { unit };
-    format!("{name} = {value} {unit}").trim_end().to_string()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_unit_of_counted_things_is_singular_after_1() {
-        assert_eq!(axis_value("delay", "1", "control steps"), "delay = 1 control step");
-        assert_eq!(axis_value("delay", "2", "control steps"), "delay = 2 control steps");
-        assert_eq!(axis_value("time", "1", "s"), "time = 1 s");
-        assert_eq!(axis_value("scale", "1", ""), "scale = 1");
-    }
+    escape::name(&mishandle::verdict::value_text(axis, value))
 }

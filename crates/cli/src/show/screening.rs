@@ -1,38 +1,18 @@
 //! Screened results, as text: what the other engine flagged, and what MuJoCo C found.
 
-use mishandle::results::{Confirmed, Estimate, Evaluation, Falsification, Finding, Screening};
+use mishandle::results::{Confirmed, Evaluation, Falsification, Finding, Screening};
 
-use super::{corners, output, simulation};
+use super::{output, simulation};
 
-/// Returns the rates of a screened evaluation, the disagreements of the two engines, and the
-/// corners.
+/// Says what the rates of a screened evaluation assume, and where the two engines disagree.
 pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
-    let report = &found.metrics;
-    let percent = |rate: Option<f64>| rate.map_or("-".to_string(), |rate| format!("{:.2}", 100.0 * rate));
-    let row = |name: &str, rate: &Estimate| {
-        let interval = format!("[{}, {}]", percent(rate.low), percent(rate.high));
-        let [value, interval] = match rate.value {
-            Some(_) => [format!("{} %", percent(rate.value)), interval],
-            None => ["-".to_string(), "-".to_string()],
-        };
-        vec![name.to_string(), value, interval, rate.n.to_string()]
-    };
-    let mut rates = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
-    rates.push(row("success rate", &report.success_rate));
-    rates.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate)));
-    rates.extend(report.dangerous_episode_rate.iter().map(|rate| row("episodes with any danger", rate)));
     let columns =
         [("failure", "failures there"), ("strict_failure", "strict failures"), ("dangerous", "dangerous")];
     let mut text = format!(
-        "{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.{}\n\n{}",
-        if found.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
-        output::table(&rates),
+        "The rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.{}\n\n{}",
         limits(found),
         engines(counts, &columns, ["no success or no verdict", "success"]),
     );
-    if let Some(report) = &found.corners {
-        text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
-    }
     text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
     text
 }

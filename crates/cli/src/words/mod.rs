@@ -7,7 +7,7 @@ mod shell;
 use mishandle::results::{Choice, Command, Key, Remedy};
 
 pub use error::{remedies, with_causes};
-pub use python::{Python, argument, in_plan};
+pub use python::{Python, argument, in_plan, python_call};
 pub use shell::{Shell, shell_command};
 
 /// The language of a front.

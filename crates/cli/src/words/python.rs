@@ -8,7 +8,7 @@ use super::{Dialect, Shell};
 pub struct Python;
 
 /// Keys of tables that are arguments of their own.
-const ARGUMENTS: [Key; 3] = [Key::PARAMETER, Key::RATE, Key::TRAINER];
+const ARGUMENTS: [Key; 5] = [Key::BUDGET, Key::FORMULA, Key::PARAMETER, Key::RATE, Key::TRAINER];
 
 /// Tables whose keys are names that the user chose.
 const NAMED: [&str; 6] =
@@ -50,11 +50,24 @@ impl Dialect for Python {
 
     fn command(&self, command: &Command) -> String {
         match command {
+            Command::Again { question, changed, .. } if changed.is_empty() => {
+                format!("`mishandle.{question}` with the same system")
+            }
+            Command::Again { question, changed, .. } => {
+                format!("`mishandle.{question}` with the same system and {}", self.settings(changed))
+            }
             Command::Compare(_) => "`mishandle.compare(A, B)`".to_owned(),
             Command::Falsify { target } => {
                 let plan = "{\"falsify\": {\"keep_going\": True}}";
                 format!("`mishandle.falsify({}, plan={plan})`", quoted(target))
             }
+            Command::Harden { target, settings } => {
+                let settings = settings.iter().map(|setting| self.settings(std::slice::from_ref(setting)));
+                let settings: String = settings.map(|setting| format!(", {setting}")).collect();
+                format!("`mishandle.harden({}{settings}, out=\"better.safetensors\")`", quoted(target))
+            }
+            Command::Keep { .. } => "`result.export(\"regressions\")`".to_owned(),
+            Command::Report { .. } => "`result.report(\"report.html\")`".to_owned(),
             Command::ResumeComparison { .. } => {
                 "the same call of `mishandle.compare_versions` with `resume=True`".to_owned()
             }
@@ -78,6 +91,11 @@ impl Dialect for Python {
 
 fn is_in_plan(key: Key) -> bool {
     key.name().contains('.') && !ARGUMENTS.contains(&key)
+}
+
+/// Returns what to ask next as a line of its own, without quotes.
+pub fn python_call(command: &Command) -> String {
+    Python.command(command).replace('`', "")
 }
 
 /// Returns a key as it stands in the argument `plan`, such as `plan["falsify"]["batch"]`.
@@ -111,6 +129,7 @@ fn literal(value: &Choice) -> String {
         Choice::On => "True".to_owned(),
         Choice::OneOf(words) => quoted(&words.join("|")),
         Choice::Text(text) => quoted(text),
+        Choice::Number(number) => number.to_string(),
         Choice::Shape(shape) => (*shape).to_owned(),
         Choice::Range([low, high]) => format!("({low}, {high})"),
         Choice::Of(name, value) => format!("{{{}: {}}}", quoted(name), literal(value)),

@@ -50,6 +50,9 @@ impl Shell {
 /// Returns a command of the shell, or a call of Python if the system is Python code.
 pub fn shell_command(command: &Command) -> String {
     let text = match command {
+        Command::Again { question, target, kept, changed } => {
+            format!("{question} {}{}", shell_quote(target), arguments(kept.iter().chain(changed)))
+        }
         Command::Compare(None) => "compare A B".to_owned(),
         Command::Compare(Some(runs)) => {
             format!("compare {}", runs.each_ref().map(|run| shell_path(run.as_ref())).join(" "))
@@ -58,7 +61,11 @@ pub fn shell_command(command: &Command) -> String {
         Command::Falsify { target } => {
             format!("falsify {} -k falsify.keep-going=true", shell_quote(target))
         }
+        Command::Harden { target, settings } => {
+            format!("harden {}{} --out better.safetensors", shell_quote(target), arguments(settings))
+        }
         Command::Import => "controller FILE --task TASK --out controller.safetensors".to_owned(),
+        Command::Keep { run } => format!("regress --add {}", shell_path(run.as_ref())),
         Command::List { what, is_long } => {
             format!("list {}{}", shell_quote(what), if *is_long { " --all" } else { "" })
         }
@@ -67,6 +74,7 @@ pub fn shell_command(command: &Command) -> String {
             let baseline = baseline.as_ref().map(|baseline| format!(" --baseline {}", shell_quote(baseline)));
             format!("regress {suite} --controller {controller}{}", baseline.unwrap_or_default())
         }
+        Command::Report { run } => format!("report {} --open", shell_path(run.as_ref())),
         Command::Render(recorded) => format!("render {} --out failure.mp4", place(recorded)),
         Command::Replay { run, trial, simulation, is_python: false } => {
             format!("replay {} --trial {trial} --simulation {simulation}", shell_path(run.as_ref()))
@@ -91,6 +99,11 @@ pub fn shell_command(command: &Command) -> String {
     format!("mishandle {text}")
 }
 
+/// Returns settings, each after a space.
+fn arguments<'a>(settings: impl IntoIterator<Item = &'a (Key, Choice)>) -> String {
+    settings.into_iter().map(|(key, value)| format!(" {}", Shell.setting(*key, value))).collect()
+}
+
 /// Returns the arguments of a recorded simulation.
 fn place(recorded: &Recorded) -> String {
     let Recorded { run, trial, simulation, controller } = recorded;
@@ -109,6 +122,7 @@ fn word(value: &Choice) -> String {
         Choice::On => "true".to_owned(),
         Choice::OneOf(words) => words.join("|"),
         Choice::Text(text) => shell_quote(text),
+        Choice::Number(number) => number.to_string(),
         Choice::Shape(shape) => (*shape).to_owned(),
         Choice::Range([low, high]) => format!("{low}:{high}"),
         Choice::Of(name, value) => format!("{}={}", shell_quote(name), word(value)),

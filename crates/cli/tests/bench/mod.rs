@@ -73,6 +73,19 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
+/// Returns a wrapped text on one line, with single spaces.
+pub fn unwrapped(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Returns messages without those that say what a question costs.
+pub fn without_costs(messages: &str) -> String {
+    let is_cost = |line: &&str| {
+        line.starts_with("at most ") || (line.starts_with("after ") && line.contains(": about "))
+    };
+    messages.split_inclusive('\n').filter(|line| !is_cost(line)).collect()
+}
+
 /// Removes the path of the run file from a JSON document.
 pub fn without_run(mut document: Value) -> Value {
     document.as_object_mut().unwrap().remove("run").unwrap();

@@ -53,6 +53,8 @@ pub(super) struct Attempt<'a> {
     pub(super) witness: Option<Episode>,
     /// Smallest amplitude of a simulation that started and has no verdict; infinite without one.
     pub(super) smallest_without_verdict: f64,
+    /// The amplitude of the largest disturbance with a verdict.
+    pub(super) largest_with_verdict: f64,
     /// Seeds of the last amplitude.
     seeds: BTreeSet<u64>,
     /// The scenarios with the lowest robustness at amplitude 1.
@@ -76,6 +78,7 @@ impl<'a> Attempt<'a> {
             levels: Vec::new(),
             witness: None,
             smallest_without_verdict: f64::INFINITY,
+            largest_with_verdict: 0.0,
             seeds: BTreeSet::new(),
             lowest: Vec::new(),
         }
@@ -358,8 +361,11 @@ impl<'a> Attempt<'a> {
     fn count(&mut self, episodes: &[Episode]) {
         let undecided =
             episodes.iter().filter(|episode| episode.robustness().is_none() && episode.end.counts_in_rates());
-        let amplitudes = undecided.map(|episode| norms(&self.space, &episode.request.scenario).amplitude);
-        self.smallest_without_verdict = amplitudes.fold(self.smallest_without_verdict, f64::min);
+        let amplitude = |episode: &Episode| norms(&self.space, &episode.request.scenario).amplitude;
+        self.smallest_without_verdict =
+            undecided.map(amplitude).fold(self.smallest_without_verdict, f64::min);
+        let decided = episodes.iter().filter(|episode| episode.robustness().is_some());
+        self.largest_with_verdict = decided.map(amplitude).fold(self.largest_with_verdict, f64::max);
         self.simulations += episodes.len() as u64;
         self.is_interrupted |= (self.watch)(self.simulations).is_break();
     }

@@ -36,6 +36,8 @@ pub struct Margin {
     pub levels: Vec<Level>,
     /// Smallest amplitude of a simulation that started and has no verdict; `None` without one.
     pub smallest_without_verdict: Option<f64>,
+    /// The amplitude of the largest disturbance with a verdict.
+    pub largest_with_verdict: f64,
     /// Number of all simulations.
     pub simulations: u64,
     /// Whether it was not interrupted.
@@ -79,8 +81,11 @@ impl Margin {
             let has_evidence = level.minimum_robustness.is_some_and(is_satisfied);
             level.is_complete && has_evidence && level.amplitude < below
         };
+        // Nothing was tested beyond the largest disturbance that could start.
+        let tested =
+            |level: Level| Level { amplitude: level.amplitude.min(self.largest_with_verdict), ..level };
         let passed = self.levels.iter().filter(has_passed);
-        passed.copied().max_by(|a, b| amplitude(a).total_cmp(&amplitude(b)))
+        passed.copied().map(tested).max_by(|a, b| amplitude(a).total_cmp(&amplitude(b)))
     }
 }
 
@@ -141,10 +146,19 @@ pub fn margin(
         attempt.minimize(settings.budget)?;
         attempt.bisect_ray()?;
     }
-    let Attempt { levels, witness, simulations, is_interrupted, smallest_without_verdict, .. } = attempt;
+    let Attempt {
+        levels,
+        witness,
+        simulations,
+        is_interrupted,
+        smallest_without_verdict,
+        largest_with_verdict,
+        ..
+    } = attempt;
     Ok(Margin {
         witness: witness.map(|found| Witness::new(&space, found)),
         levels,
+        largest_with_verdict,
         smallest_without_verdict: Some(smallest_without_verdict).filter(|amplitude| amplitude.is_finite()),
         simulations,
         is_complete: !is_interrupted,

@@ -10,7 +10,7 @@ use crate::cell::Row;
 use crate::error::{Result, content, hold_or_drop, keep_one, undecided};
 use crate::options::{Duplicates, Missing, Options, Sampling};
 use crate::place::Counted;
-use crate::samples::SURE;
+use crate::samples::clock::Clock;
 
 /// A row that counts.
 #[derive(Clone, Debug)]
@@ -55,21 +55,14 @@ pub(super) struct Topic {
     has_released: bool,
     /// Rows that are ready.
     pub(super) ready: VecDeque<Timed>,
-    start: Start,
+    clock: Clock,
+    /// The time that arrived last, and the number of times up to it that increase, each of which
+    /// another row has.
+    repeated: (f64, usize),
 }
 
-/// The start of the clock, by the times in the order of their arrival.
-#[derive(Debug, Default)]
-struct Start {
-    first: Option<f64>,
-    /// The end of the first half step.
-    limit: Option<f64>,
-    /// The time that arrived last.
-    last: f64,
-    /// The times since one that went back to the start: the first one, the second one, and how many
-    /// of them had passed before.
-    again: Option<(f64, Option<f64>, usize)>,
-}
+/// Number of rows in turn that repeat earlier times, from which on they are those of another run.
+const REPEATED: usize = 3;
 
 impl Topic {
     pub(super) fn new(
@@ -97,7 +90,8 @@ impl Topic {
             missing: 0,
             has_released: false,
             ready: VecDeque::new(),
-            start: Start::default(),
+            clock: Clock::default(),
+            repeated: (f64::INFINITY, 0),
         }
     }
 
@@ -140,32 +134,19 @@ impl Topic {
         Ok(())
     }
 
-    /// Checks that the clock does not start again, as `restarts` finds it in whole logs: sorting
-    /// would mix two runs.
+    /// Checks that the clock does not start again: sorting would mix two runs, and keeping one row
+    /// of each time would delete one. Rows that come too late by less than the lateness count as
+    /// late, unless they repeat times.
     fn check_start(&mut self, row: &Timed) -> Result<()> {
-        let Start { first, limit, last, again } = &mut self.start;
         let time = row.secs;
-        if time < *last {
-            *again = limit.is_some_and(|limit| time < limit).then_some((time, None, 1));
-        } else if let (Some((start, second, passed)), Some(first)) = (again, *first)
-            && time > *last
-            && time <= self.latest
-        {
-            let second = *second.get_or_insert(time);
-            *passed += 1;
-            let later = self.unordered.iter().rev().take_while(|known| known.secs > second).count();
-            // Those that passed between the second one and this one are among the later ones.
-            let is_sure = *passed >= SURE && time >= first && later + 1 >= *passed;
-            if *start == first || is_sure {
-                return Err(starts_again(&format!("before {}", self.counted.text(row.number))));
-            }
+        let has_time = self.unordered.binary_search_by(|known| known.secs.total_cmp(&time)).is_ok();
+        let (last, repeated) = self.repeated;
+        let before = if time > last { repeated } else { 0 };
+        self.repeated = (time, if has_time && time < self.latest { before + 1 } else { 0 });
+        let is_at_start = self.clock.add(time).is_some_and(|restart| restart.is_at_start);
+        if is_at_start || self.repeated.1 >= REPEATED {
+            return Err(starts_again(&format!("before {}", self.counted.text(row.number))));
         }
-        match *first {
-            None => *first = Some(time),
-            Some(first) if limit.is_none() && time > first => *limit = Some(0.5 * (first + time)),
-            Some(_) => {}
-        }
-        *last = time;
         Ok(())
     }
 
@@ -185,12 +166,7 @@ impl Topic {
 
     /// States that no row follows.
     pub(super) fn end(&mut self, options: &Options) -> Result<()> {
-        // A last row that has the time of the first one would replace it.
-        if self
-            .start
-            .again
-            .is_some_and(|(start, ..)| Some(start) == self.start.first && start == self.start.last)
-        {
+        if self.clock.end().is_some_and(|restart| restart.is_at_start) {
             return Err(starts_again("in the last row"));
         }
         self.order(f64::INFINITY, options)?;
@@ -227,8 +203,12 @@ impl Topic {
             return Ok(());
         }
         if row.secs < self.ordered {
-            let sort = [(Key::LOG_SORT, Choice::On), (Key::LATENESS, Choice::SECONDS)];
-            return Err(undecided([Remedy::Set(sort.into())], self.not_increasing(&row)));
+            let sort = Remedy::Set(vec![(Key::LOG_SORT, Choice::On), (Key::LATENESS, Choice::SECONDS)]);
+            let fact = self.not_increasing(&row);
+            return Err(undecided(
+                [sort.when("its rows come late")],
+                format!("{fact}; if its clock starts again there, {ANOTHER}"),
+            ));
         }
         if row.secs == self.ordered {
             match options.duplicates {
@@ -291,7 +271,8 @@ impl Topic {
         undecided(
             [Remedy::set(Key::LATENESS, Choice::SECONDS)],
             format!(
-                "{}: the row of {} s came when those up to {} s were taken, so the lateness must be longer",
+                "{}: the row of {} s came when those up to {} s were taken, so the lateness must be longer; if the clock \
+                 starts again there, {ANOTHER}",
                 self.counted.text(row.number),
                 number_text(row.secs),
                 number_text(before)
@@ -300,6 +281,9 @@ impl Topic {
     }
 }
 
+/// The meaning of a clock that starts again.
+const ANOTHER: &str = "another log follows, which must be followed by itself";
+
 fn starts_again(place: &str) -> crate::LogError {
-    content(format!("the times start again {place}: another log follows, which must be followed by itself"))
+    content(format!("the times start again {place}: {ANOTHER}"))
 }

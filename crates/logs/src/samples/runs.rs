@@ -5,6 +5,7 @@
 
 use mishandle_text::plural;
 
+use super::clock::{Clock, Restart};
 use crate::error::{Result, content};
 use crate::log::{Log, Topic};
 
@@ -28,49 +29,43 @@ impl Run {
     }
 }
 
+/// Fraction of the rows that are out of order, as 1 in this many, from which on no clock but a
+/// mixture explains them.
+const MIXED: usize = 10;
+
 /// Returns the row with which each run of a clock starts but the first one. NaN is a missing time.
 ///
-/// A run starts where the time goes back to the start of the last run, or to less than half a step
-/// after it, and the next times pass the times of the last run again.
+/// A run starts where the time goes back and the next times pass those of the last run again: see
+/// [`Clock`]. Where the rows are mixed anyway, only a run that starts as the last one did counts.
 pub fn restarts(secs: &[f64]) -> Vec<usize> {
     let rows: Vec<usize> = (0..secs.len()).filter(|row| !secs[*row].is_nan()).collect();
     let times: Vec<f64> = rows.iter().map(|row| secs[*row]).collect();
-    let mut starts = vec![0];
-    let mut limit = None;
-    let mut latest = f64::NEG_INFINITY;
-    for at in 1..times.len() {
-        let start = starts[starts.len() - 1];
-        latest = latest.max(times[at - 1]);
-        let (before, after) = (&times[start..at], &times[at..]);
-        // Below half a step after the first time of the run.
-        limit = limit.or_else(|| (times[at] > times[start]).then(|| 0.5 * (times[start] + times[at])));
-        let goes_back = times[at] < times[at - 1] && limit.is_some_and(|limit| times[at] < limit);
-        if goes_back && is_passed_again(before, latest, after) {
-            starts.push(at);
-            (limit, latest) = (None, f64::NEG_INFINITY);
-        }
+    let back = times.windows(2).filter(|pair| pair[1] < pair[0]).count();
+    let mut found = starts(&times, |_| true);
+    if MIXED * back.saturating_sub(found.len()) > times.len() {
+        found = starts(&times, |restart| restart.is_at_start);
     }
-    starts.iter().skip(1).map(|at| rows[*at]).collect()
+    found.into_iter().map(|at| rows[at]).collect()
 }
 
-/// Number of times of a run that the next one passes, from which on they are more than late rows.
-pub(crate) const SURE: usize = 3;
-
-/// Returns whether times that start at an earlier time pass the times of a run again, before they
-/// go back once more.
-fn is_passed_again(run: &[f64], latest: f64, times: &[f64]) -> bool {
-    let (first, start) = (run[0], times[0]);
-    let rising = 1 + times.windows(2).take_while(|pair| pair[0] <= pair[1]).count();
-    let mut next = times[..rising].to_vec();
-    next.dedup();
-    let passed = next.iter().take_while(|time| **time <= latest).count();
-    if start == first {
-        // A last row that has the time of another one would replace it.
-        return passed > 1 || rising == times.len() && next.len() == 1;
+fn starts(times: &[f64], counts: impl Fn(&Restart) -> bool) -> Vec<usize> {
+    let mut starts = vec![0];
+    let mut clock = Clock::default();
+    let mut at = 0;
+    while at <= times.len() {
+        let found = match times.get(at) {
+            Some(time) => clock.add(*time),
+            None => clock.end(),
+        };
+        at += 1;
+        if let Some(restart) = found.filter(&counts) {
+            // The rows since the start, which increase, are read again as those of the new run.
+            at = starts[starts.len() - 1] + restart.row;
+            starts.push(at);
+            clock = Clock::default();
+        }
     }
-    let is_left_behind =
-        |second: &f64| run.iter().filter(|time| *time > second).take(SURE - 1).count() == SURE - 1;
-    passed >= SURE && next[passed - 1] >= first && next.get(1).is_some_and(is_left_behind)
+    starts.split_off(1)
 }
 
 impl Log {
@@ -125,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_starts_again_is_told_from_late_rows() {
-        let cases: [(&[f64], &[usize]); 22] = [
+        let cases: [(&[f64], &[usize]); 29] = [
             (&[0.0, 1.0, 2.0, 0.0, 1.0, 2.0], &[3]),
             (&[0.0, 1.0, 0.0, 1.0, 0.0, 1.0], &[2, 4]),
             // The second run starts a little later, or earlier, or is short.
@@ -135,17 +130,27 @@ mod tests {
             (&[0.0, 1.0, 2.0, 0.0], &[3]),
             (&[0.0, 1.0, 2.0, 0.0, 0.0, 0.5], &[3]),
             (&[0.0, f64::NAN, 1.0, 2.0, f64::NAN, 0.0, 1.0], &[5]),
+            // The second run starts in the middle of the first one, passes its end or not, has the
+            // same times or others, steps as long or longer, or is all before it.
+            (&[0.0, 1.0, 2.0, 3.0, 4.0, 2.0, 3.0, 4.0, 5.0, 6.0], &[5]),
+            (&[0.0, 1.0, 2.0, 3.0, 4.0, 1.5, 2.5, 3.5, 4.5], &[5]),
+            (&[0.0, 1.0, 2.0, 3.0, 4.0, 1.0, 2.0, 3.0], &[5]),
+            (&[0.0, 1.0, 2.0, 3.0, 2.0, 3.0, 4.0], &[4]),
+            (&[0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 1.0, 1.7, 2.4, 3.1], &[6]),
+            (&[0.0, 1.0, 2.0, 3.0, 4.0, 1.0, 2.0, 3.0, 1.0, 2.0, 3.0], &[5, 8]),
+            (&[10.0, 11.0, 12.0, 0.0, 1.0, 2.0], &[3]),
+            // Late rows that fill a gap.
+            (&[0.0, 1.0, 2.0, 6.0, 7.0, 3.0, 4.0, 5.0, 8.0], &[]),
             // A late row in the second run, and in the first one.
             (&[0.0, 1.0, 2.0, 0.0, 1.0, 3.0, 2.0, 4.0], &[3]),
             (&[0.0, 2.0, 1.0, 3.0, 0.0, 1.0, 2.0], &[4]),
             (&[1.0, 2.0, 4.0, 0.0, 3.0, 5.0], &[]),
-            // Late rows, rows that two writers mixed, descending rows, a part that was moved.
+            // Late rows, rows that two writers mixed, descending rows.
             (&[0.0, 1.0, 3.0, 2.0, 4.0], &[]),
             (&[1.0, 0.0, 2.0, 3.0], &[]),
             (&[0.0, 1.0, 2.0, 0.0, 3.0], &[]),
             (&[0.0, 2.0, 1.0, 3.0], &[]),
             (&[3.0, 2.0, 1.0, 0.0], &[]),
-            (&[10.0, 11.0, 12.0, 0.0, 1.0, 2.0], &[]),
             (&[0.0, 1.0, 0.1, 1.0, 2.0], &[]),
             (&[0.0, 1.0, 2.0, 0.1], &[]),
             (&[0.0, 1.0, 1.0, 2.0], &[]),

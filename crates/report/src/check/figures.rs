@@ -74,7 +74,7 @@ fn draw(
             Err(error) => out += &note(&error),
         }
     }
-    let charts: String = trace::figures(header, explained).concat();
+    let charts: String = trace::figures(header, explained, None, 0).concat();
     Ok(out + &format!("<div class=\"grid\">{charts}</div>\n"))
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_stl::{Formula, Monitor, Trace};
+use mishandle_stl::{Formula, Monitor, Trace, is_satisfied};
 
 use super::Found;
 use crate::describe::{Context, needed_on};
@@ -49,7 +49,7 @@ impl Decided {
                 let diagnosis = formula.diagnose(&trace, &clock).ok()?;
                 let robustness = Some(diagnosis.robustness()).filter(|value| value.is_infinite())?;
                 let last = diagnosis.path.last()?;
-                let is_satisfied = robustness > 0.0;
+                let is_satisfied = is_satisfied(robustness);
                 if decided.as_ref().is_some_and(|known| known.is_satisfied != is_satisfied) {
                     return None;
                 }

@@ -46,14 +46,26 @@ pub(super) fn find(tree: &Tree<'_>, context: &Context, analysis: &Analysis, foun
     }
 }
 
-/// Returns the operators whose operand is an implication that has to hold once, with it.
-fn of_once(tree: &Tree<'_>) -> Vec<(usize, usize)> {
+/// Returns condition and consequence of an implication; `not p or q` is one.
+fn implication(tree: &Tree<'_>, node: usize) -> Option<[usize; 2]> {
+    let &[left, right] = &tree.nodes[node].operands[..] else { return None };
+    let negated = |node: usize| (tree.operator(node) == Some("not")).then(|| tree.nodes[node].operands[0]);
+    match tree.operator(node)? {
+        "implies" => Some([left, right]),
+        "or" => negated(left).map(|p| [p, right]).or_else(|| negated(right).map(|p| [p, left])),
+        _ => None,
+    }
+}
+
+/// Returns the operators whose operand is an implication that has to hold once, with its condition
+/// and consequence.
+fn of_once(tree: &Tree<'_>) -> Vec<(usize, [usize; 2])> {
     let is_negated = tree.negated();
     let of_one = |node: usize| {
         let is_once = matches!(tree.operator(node)?, "eventually" | "once" | "until" | "since");
-        let implication = *tree.nodes[node].operands.last()?;
-        let is_one = is_once && !is_negated[node] && tree.operator(implication) == Some("implies");
-        is_one.then_some((node, implication))
+        let operand = *tree.nodes[node].operands.last()?;
+        let found = implication(tree, operand).filter(|_| is_once && !is_negated[node])?;
+        Some((node, found))
     };
     (0..tree.nodes.len()).filter_map(of_one).collect()
 }
@@ -61,8 +73,8 @@ fn of_once(tree: &Tree<'_>) -> Vec<(usize, usize)> {
 /// Returns what has to hold at some sample and to fail at another one, so that a trace shows an
 /// implication that has to hold once.
 pub(crate) fn shown(tree: &Tree<'_>) -> Vec<Formula> {
-    let failing = |(_, implication): (usize, usize)| {
-        let [condition, consequence] = [0, 1].map(|n| tree.text(tree.nodes[implication].operands[n]));
+    let failing = |(_, implication): (usize, [usize; 2])| {
+        let [condition, consequence] = implication.map(|node| tree.text(node));
         Formula::parse(&format!("({condition}) and not ({consequence})")).ok()
     };
     of_once(tree).into_iter().filter_map(failing).collect()
@@ -72,7 +84,7 @@ pub(crate) fn shown(tree: &Tree<'_>) -> Vec<Formula> {
 fn once(tree: &Tree<'_>, found: &mut Found<'_>) {
     for (node, implication) in of_once(tree) {
         let name = tree.operator(node).unwrap_or_default();
-        let [condition, consequence] = [0, 1].map(|n| tree.text(tree.nodes[implication].operands[n]));
+        let [condition, consequence] = implication.map(|node| tree.text(node));
         let window = tree.window(node);
         let instead = match name {
             "eventually" => {

@@ -3,7 +3,7 @@
 use mishandle_stl::{Formula, SyntaxKind};
 
 use super::Found;
-use crate::tree::{Tree, is_comparison};
+use crate::tree::{Tree, is_comparison, is_temporal};
 
 pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
     calls(tree, found);
@@ -30,15 +30,20 @@ pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
                 let window = tree.window(left);
                 let p = tree.text(operand);
                 let q = tree.text(right);
+                let around = tree.ancestors(index).any(|node| tree.operator(node).is_some_and(is_temporal));
+                let once = if around { "only looked at at the same sample" } else { "only looked at once" };
+                // An implication that has to hold once is a trap of its own.
+                let instead = (prefix == "always" || name != "implies")
+                    .then(|| format!("{prefix}{window}({p} {name} {q})"));
                 found.warn(
                     "precedence",
                     left,
                     format!(
-                        "`{prefix}` binds tighter than `{name}`: this is ({}) {name} ({q}), and {q} is only looked at once, \
-                         not inside of `{prefix}`",
+                        "`{prefix}` binds tighter than `{name}`: this is ({}) {name} ({q}), and {q} is {once}, not inside of \
+                         `{prefix}`",
                         tree.text(left)
                     ),
-                    Some(format!("{prefix}{window}({p} {name} {q})")),
+                    Some(instead.unwrap_or_else(|| format!("parentheses: ({}) {name} ({q})", tree.text(left)))),
                 );
             }
         }
@@ -109,7 +114,7 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
         }
         let around = tree.text(tree.nodes[operator].operands[0]);
         let why = format!(
-            "`{name}` is not a function: what it applies to goes on after `{}`, so this is {name}({around})",
+            "`{name}` is not a function: what it applies to continues after `{}`, so this is {name}({around})",
             tree.text(number)
         );
         // `always (x + y) <= 3` is often meant as it is.

@@ -24,6 +24,8 @@ pub(super) fn at_start(tree: &Tree<'_>, found: &mut Found<'_>) {
     while let Some(node) = open.pop() {
         let operands = &tree.nodes[node].operands;
         match tree.operator(node).unwrap_or_default() {
+            // Of `p since q`, the first sample has only `q` behind it.
+            "since" if !is_ahead[operands[1]] => past(tree, node, found),
             _ if looks_back(tree, node) && !is_ahead[node] => past(tree, node, found),
             "not" if is_ahead[node] || looks_back(tree, operands[0]) => open.extend(operands),
             _ if !is_ahead[node] => {

@@ -56,11 +56,25 @@ fn what_asks_nothing_holds_whatever_it_requires() {
 
 #[test]
 fn a_formula_that_requires_something_beside_its_premises_asks_something() {
-    for text in
-        ["always(q > 0)", "not always(p > 0 implies q > 0)", "p > 0", "(p > 0 implies q > 0) until r > 0"]
-    {
+    for text in [
+        "always(q > 0)",
+        "not always(p > 0 implies q > 0)",
+        "p > 0",
+        "(p > 0 implies q > 0) until r > 0",
+        "next(p > 0 implies q > 0)",
+    ] {
         assert_eq!(Formula::parse(text).unwrap().vacuous(), None, "{text}");
     }
+    for text in ["always(p >= 5 implies false)", "always(not (p >= 5) or false)"] {
+        assert_eq!(Formula::parse(text).unwrap().vacuous(), None, "{text}");
+    }
+    // What is required of a sample after the last one is asked of none.
+    let at_the_end = Formula::parse("always(p > 0 implies next(q > 0))").unwrap().vacuous().unwrap();
+    let column = |last: f64| vec![vec![-1.0, -1.0, last], vec![-1.0; 3], vec![-1.0; 3]];
+    let trace = |columns| Trace::from_columns(NAMES.map(String::from).into(), columns);
+    assert!(is_satisfied(robustness(&at_the_end, &trace(column(1.0)))));
+    let before = vec![vec![-1.0, 1.0, -1.0], vec![1.0; 3], vec![1.0; 3]];
+    assert!(!is_satisfied(robustness(&at_the_end, &trace(before))));
     let turned = Formula::parse("always(q > 0 or not (p > 0))").unwrap().vacuous().unwrap();
     assert_eq!(turned.to_string(), "always(false or not(p > 0))");
     let formula = Formula::parse("always(p > 0 implies q > 0) and r > 0").unwrap();
@@ -74,7 +88,13 @@ fn a_reason_names_a_premise_that_is_alone_and_a_code_gives_the_finding_back() {
     let reason = |text: &str| Vacuity::Premise.reason(&Formula::parse(text).unwrap());
     assert!(reason("always(p > 0 implies q > 0)").contains("its premise `p > 0` does not hold"));
     assert!(reason("always(p > 0 implies (r > 0 implies q > 0))").contains("its premises do not hold"));
-    for found in [None, Some(Vacuity::FirstSample), Some(Vacuity::Premise), Some(Vacuity::NoSample)] {
+    for found in [
+        None,
+        Some(Vacuity::FirstSample),
+        Some(Vacuity::Premise),
+        Some(Vacuity::NoSample),
+        Some(Vacuity::Parts),
+    ] {
         assert_eq!(Vacuity::from_code(Vacuity::code(found)), found);
     }
 }

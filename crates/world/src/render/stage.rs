@@ -190,6 +190,12 @@ impl Stage {
         }
     }
 
+    /// Returns the place (m) of each marked contact of the current state, and the force on one of
+    /// the two bodies (N), in world axes, the largest first.
+    pub fn contacts(&self) -> impl Iterator<Item = [[f64; 3]; 2]> {
+        self.contacts.iter().map(|contact| [contact.point, contact.force])
+    }
+
     /// Returns the arrows that mark contacts, as the camera sees them.
     pub fn arrows(&self) -> Vec<Arrow> {
         contacts::arrows(&self.contacts, self.viewpoint().position)
@@ -224,7 +230,7 @@ fn placement(model: &Model, name: &str, follows: Option<&str>) -> Result<Placeme
     match (model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, own), name) {
         (_, FOLLOWING) => {
             let body = follows.map(|name| model.body(name)).transpose()?;
-            let body = body.map_or_else(|| model.followed_body(), |body| body.0);
+            let body = body.unwrap_or_else(|| model.followed_body()).0;
             Ok(Placement::Follow { body, distance: view::close_distance(model, body) })
         }
         (Some(id), _) => Ok(Placement::Scene(id)),

@@ -88,7 +88,7 @@ refused if it has not ended, or differs from the plan in its seed, its settings 
     #[command(after_help = "Examples:
   studies zoo tables
 
-Writes the tables of README.md, docs/reference/tasks.md and controllers/README.md, and the charts
+Writes the tables of docs/reference/tasks.md and controllers/README.md, and the charts
 controllers/curves/TASK.svg.")]
     Tables,
 }

@@ -1,4 +1,4 @@
-//! The tables of README.md, docs/reference/tasks.md and controllers/README.md, from the records.
+//! The tables of docs/reference/tasks.md and controllers/README.md, from the records.
 
 mod summary;
 mod training;
@@ -22,7 +22,7 @@ const NOT_MEASURED: &str = "not measured";
 /// The page of the shipped controllers.
 const PAGE: &str = "controllers/README.md";
 
-/// Width of a task's picture in README.md: four fit into a row.
+/// Width of a task's picture: four fit into a row.
 const PICTURE_WIDTH: &str = "24%";
 
 /// Everything that the tables show.
@@ -59,8 +59,9 @@ impl Shown<'_> {
 /// # Errors
 /// If a page cannot be read or written, or has no place for a table.
 pub(crate) fn write(shown: &Shown<'_>, drawn: &[String]) -> Result<(), ZooError> {
-    replace(&shown.folder.path("README.md"), "pictures", &pictures(shown))?;
-    replace(&shown.folder.path("docs/reference/tasks.md"), "tasks", &tasks(shown))?;
+    let reference = shown.folder.path("docs/reference/tasks.md");
+    replace(&reference, "pictures", &pictures(shown))?;
+    replace(&reference, "tasks", &tasks(shown))?;
     for (name, text) in [
         ("summary", summary::table(shown)),
         ("controllers", performance(shown, 0)),
@@ -77,7 +78,7 @@ pub(crate) fn write(shown: &Shown<'_>, drawn: &[String]) -> Result<(), ZooError>
 fn pictures(shown: &Shown<'_>) -> String {
     let picture = |name: &str| {
         let folder = mishandle::tasks::folder(name);
-        format!("<img src=\"{folder}/picture.png\" width=\"{PICTURE_WIDTH}\" alt=\"{name}\">\n")
+        format!("<img src=\"../../{folder}/picture.png\" width=\"{PICTURE_WIDTH}\" alt=\"{name}\">\n")
     };
     shown.names().map(picture).collect()
 }

@@ -24,10 +24,33 @@ struct Followed<'a> {
     watch: Watch,
     /// Its formula where it asks nothing, without an implication `None`.
     vacuous: Option<Watch>,
+    /// The operands of its `and`; empty without one.
+    parts: Vec<Part>,
     /// Why it is satisfied and asks nothing.
     asks_nothing: Option<String>,
     /// The last answer that was printed.
     known: Answer,
+}
+
+/// An operand of the `and` of a requirement.
+struct Part {
+    watch: Watch,
+    vacuous: Option<Watch>,
+    /// Whether the first sample alone satisfies it.
+    is_by_first: bool,
+}
+
+impl Part {
+    /// Returns whether it is satisfied and asks nothing.
+    fn asks_nothing(&self) -> bool {
+        self.is_by_first
+            || self.watch.answer(0).bounds.low == f64::INFINITY
+            || self.vacuous.as_ref().is_some_and(holds)
+    }
+}
+
+fn holds(watch: &Watch) -> bool {
+    watch.answer(0).verdict == Some(true)
 }
 
 /// Follows a log until the exit code is certain.
@@ -79,11 +102,21 @@ fn follow(
             let watched = [Watched { formula, unit: requirement.unit }];
             Watch::new(&watched, follow.signals(), settings.log.period, settings.log.strict_horizon)
         };
+        let nothing = |formula: &Formula| formula.vacuous().and_then(|formula| watch(formula).ok());
+        let part = |formula: Formula| {
+            let vacuous = nothing(&formula);
+            Some(Part { watch: watch(formula).ok()?, vacuous, is_by_first: false })
+        };
+        let mut parts = requirement.formula.demands();
+        if parts.len() < 2 {
+            parts.clear();
+        }
         match watch(requirement.formula.clone()) {
             Ok(found) => followed.push(Followed {
                 requirement,
                 watch: found,
-                vacuous: requirement.formula.vacuous().and_then(|formula| watch(formula).ok()),
+                vacuous: nothing(&requirement.formula),
+                parts: parts.into_iter().filter_map(part).collect(),
                 asks_nothing: None,
                 known: Answer::UNKNOWN,
             }),
@@ -100,7 +133,7 @@ fn follow(
     let mut without = errors.len();
     let mut samples = 0;
     for (index, error) in errors {
-        output::report_error(&logs::without_verdict(name, &requirements[index], error));
+        no_verdict(name, &requirements[index], error, samples, &follow)?;
     }
     loop {
         let next = follow.next(WAIT)?;
@@ -109,7 +142,7 @@ fn follow(
         let mut index = 0;
         while next != Next::Waiting && index < followed.len() {
             let count = followed.len();
-            let Followed { requirement, watch, vacuous, asks_nothing, known } = &mut followed[index];
+            let Followed { requirement, watch, vacuous, parts, asks_nothing, known } = &mut followed[index];
             if known.verdict.is_some() {
                 index += 1;
                 continue;
@@ -120,11 +153,17 @@ fn follow(
             };
             // An error of the formula is one of its own, too.
             vacuous.take_if(|watch| push(watch).is_err());
+            for part in parts.iter_mut() {
+                // A part that is decided stays so.
+                let _ = push(&mut part.watch);
+                part.vacuous.take_if(|watch| push(watch).is_err());
+                part.is_by_first |= samples == 1 && next == Next::Sample && holds(&part.watch);
+            }
             if let Err(error) = push(watch) {
                 if count == 1 {
                     return Err(error.into());
                 }
-                output::report_error(&logs::without_verdict(name, requirement, error));
+                no_verdict(name, requirement, error, samples, &follow)?;
                 without += 1;
                 followed.remove(index);
                 continue;
@@ -137,11 +176,13 @@ fn follow(
                 None => continue,
             };
             known.clone_from(answer);
-            let holds = |watch: &Watch| watch.answer(0).verdict == Some(true);
             let vacuity = match answer.verdict {
                 Some(true) if answer.bounds.low == f64::INFINITY => Some(Vacuity::NoSample),
                 Some(true) if samples == 1 && next == Next::Sample => Some(Vacuity::FirstSample),
                 Some(true) if vacuous.as_ref().is_some_and(holds) => Some(Vacuity::Premise),
+                Some(true) if !parts.is_empty() && parts.iter().all(Part::asks_nothing) => {
+                    Some(Vacuity::Parts)
+                }
                 _ => None,
             };
             *asks_nothing = vacuity.map(|found| found.reason(&requirement.formula));
@@ -179,6 +220,21 @@ fn follow(
     }
 }
 
+/// Reports a requirement without a verdict, on both streams.
+fn no_verdict(
+    name: &str,
+    requirement: &Requirement,
+    error: LogError,
+    samples: usize,
+    follow: &Follow,
+) -> Result<()> {
+    let reason = Some(error.to_string());
+    let line = change(MonitorEvent::NoVerdict, requirement, &Answer::UNKNOWN, None, samples, follow);
+    output::json_line(&MonitorChange { reason, ..line })?;
+    output::report_error(&logs::without_verdict(name, requirement, error));
+    Ok(())
+}
+
 /// Returns the line about a formula.
 fn change(
     event: MonitorEvent,
@@ -205,6 +261,7 @@ fn change(
             robustness: violation.robustness.into(),
         }),
         cuts_windows: answer.cuts_windows,
+        reason: None,
     }
 }
 

@@ -10,7 +10,7 @@ use crate::run;
 use crate::show::{answer, escape, modes, output};
 
 /// Shows the answer of a run and its failure modes.
-pub fn show(file: &RunFile, engine: &EngineSettings, json: bool) -> Result<ExitStatus> {
+pub fn show(file: &RunFile, engine: &EngineSettings, json: bool, verbose: bool) -> Result<ExitStatus> {
     let answer = of_run(file, engine)?;
     let modes = mishandle::inspect::failure_modes(file)?;
     let found =
@@ -18,7 +18,7 @@ pub fn show(file: &RunFile, engine: &EngineSettings, json: bool) -> Result<ExitS
     if json {
         output::json(&found)?;
     } else {
-        output::line(&text(&found))?;
+        print(&found, verbose)?;
     }
     let RunShown { answer, counterexamples } = &found;
     let name = run::name(file);
@@ -27,7 +27,6 @@ pub fn show(file: &RunFile, engine: &EngineSettings, json: bool) -> Result<ExitS
     }
     if !counterexamples.modes.is_empty() {
         output::message(&format!("Explain one with: mishandle show {name} --simulation first"));
-        output::message(&format!("Keep one with: mishandle regress --add {name}"));
     }
     Ok(ExitStatus::Done)
 }
@@ -47,7 +46,8 @@ fn of_run(file: &RunFile, engine: &EngineSettings) -> Result<Option<Answer>> {
     }
 }
 
-fn text(found: &RunShown) -> String {
+/// Prints the answer and the failure modes.
+fn print(found: &RunShown, verbose: bool) -> Result<()> {
     let Counterexamples { target, formula, failures, not_grouped, space_axes, control_dt, .. } =
         &found.counterexamples;
     let modes = modes::Modes {
@@ -58,10 +58,11 @@ fn text(found: &RunShown) -> String {
         control_dt: *control_dt,
     };
     match &found.answer {
-        Some(answer) if *failures == 0 => answer::text(answer),
-        Some(answer) => format!("{}\n\n{}", answer::text(answer), modes.text()),
-        None => {
-            format!("{}\nformula {}\n{}", escape::name(target), escape::name(formula), modes.text())
-        }
+        Some(answer) => answer::print(answer, verbose)?,
+        None => output::line(&format!("{}\nformula {}", escape::name(target), escape::name(formula)))?,
     }
+    if found.answer.is_some() && *failures == 0 {
+        return Ok(());
+    }
+    output::line(&format!("\n{}", modes.text()))
 }

@@ -1,0 +1,57 @@
+//! A 3-D replay in a page: recorded states as inert data, and the one script that draws them.
+
+use sha2::{Digest, Sha256};
+
+mod collect;
+mod pack;
+mod scene;
+mod simplify;
+
+pub use collect::Recording;
+
+use crate::html::base64;
+
+/// Largest size of the states of a page, bytes.
+const MAX_BYTES: usize = 15_000_000;
+
+/// The script: the same bytes in every page.
+pub const SCRIPT: &str = concat!(
+    "\"use strict\";\n(() => {\n",
+    include_str!("math.js"),
+    include_str!("data.js"),
+    include_str!("shapes.js"),
+    include_str!("draw.js"),
+    include_str!("camera.js"),
+    include_str!("plots.js"),
+    include_str!("page.js"),
+    "})();\n"
+);
+
+/// Style of the elements that the script makes.
+pub const STYLE: &str = include_str!("replay.css");
+
+/// A replay of simulations of a run.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    /// The scene, and each simulation, compressed.
+    blocks: Vec<Vec<u8>>,
+}
+
+impl Replay {
+    /// Returns the replay as HTML. `id` is the number of the run on the page. Nothing of the run
+    /// stands there but digits of base64.
+    pub fn html(&self, id: usize) -> String {
+        let blocks: String =
+            self.blocks.iter().map(|block| format!("<template>{}</template>\n", base64(block))).collect();
+        format!(
+            "<div class=\"replay\" id=\"r{id}-replay\" data-run=\"r{id}\">\n{blocks}<noscript><p>The 3-D replay needs \
+             scripts.</p></noscript></div>\n"
+        )
+    }
+}
+
+/// Returns the source of scripts in the content security policy of a page with a replay: the hash
+/// of the script.
+pub fn script_source() -> String {
+    format!("'sha256-{}'", base64(&Sha256::digest(SCRIPT)))
+}
