@@ -173,7 +173,14 @@ impl Row {
         let reason = asks_nothing(&self.formula, self.vacuous, self.simulations());
         if let (CheckVerdict::NotViolated, Some(reason)) = (
             verdict,
-            reason.or_else(|| unchanged(self.simulations(), self.minimum, self.maximum, self.varies)),
+            reason.or_else(|| {
+                unchanged(
+                    self.simulations(),
+                    self.minimum,
+                    self.maximum,
+                    self.varies && self.without_verdict() == 0,
+                )
+            }),
         ) {
             return (CheckVerdict::AsksNothing, format!("{sentence}; asks nothing: {reason}"));
         }

@@ -75,7 +75,7 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
         let (least, most) = (requirement.minimum_robustness, requirement.maximum_robustness);
         Requirement {
             asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, simulations)
-                .or_else(|| unchanged(simulations, least, most, varies(run))),
+                .or_else(|| unchanged(simulations, least, most, varies(run) && started == simulations)),
             violation_rate: is_rate.then(|| failure_rate(violated, started - simulations, started)),
             ..requirement
         }

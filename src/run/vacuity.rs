@@ -42,7 +42,7 @@ pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) ->
 }
 
 /// Returns why simulations that violate nothing say nothing about the controller, if nothing that
-/// was varied changes their robustness: `least` and `most` are the same.
+/// was varied changes their robustness: `least` and `most` are the same, and all have a verdict.
 pub(crate) fn unchanged(
     simulations: u64,
     least: Option<Number>,
@@ -67,9 +67,14 @@ pub(super) fn of_question(run: &RunFile) -> Result<Option<String>, MishandleErro
     let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
     let (mut vacuous, mut simulations) = (Vacuous::default(), 0);
     let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+    let mut has_ends = false;
     for row in run.simulations() {
         let row = row?;
-        let Some(robustness) = row.robustness else { continue };
+        let Some(robustness) = row.robustness else {
+            // An end without a verdict is a change, too.
+            has_ends = true;
+            continue;
+        };
         simulations += 1;
         count(&mut vacuous, &row, column);
         (least, most) = (least.min(robustness), most.max(robustness));
@@ -79,5 +84,5 @@ pub(super) fn of_question(run: &RunFile) -> Result<Option<String>, MishandleErro
     }
     let [least, most] = [least, most].map(|value| (simulations > 0).then_some(value.into()));
     let reason = asks_nothing(&header.formula, vacuous, simulations);
-    Ok(reason.or_else(|| unchanged(simulations, least, most, varies(run))))
+    Ok(reason.or_else(|| unchanged(simulations, least, most, varies(run) && !has_ends)))
 }
