@@ -334,8 +334,8 @@ impl RunReport {
     }
 
     /// Returns the failure with which the page begins: the smallest disturbance of a margin, the
-    /// minimal counterexample with the fewest axes off nominal, or that of the first mode; if
-    /// nothing fails, the simulation that came closest to it.
+    /// counterexample with the smallest cause, or that of the first mode. If nothing fails, it is
+    /// the simulation that came closest to a failure.
     pub(crate) fn lead(&self) -> Option<Lead<'_>> {
         let mode = || {
             let minimal = self.minimal.first().and_then(Option::as_ref);

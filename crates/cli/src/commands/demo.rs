@@ -51,7 +51,7 @@ pub fn run(_: &Arguments, run: impl Fn(&[&str]) -> Result<ExitStatus>) -> Result
     Ok(status)
 }
 
-/// Returns a name for the run file that is free, as is that of the page beside it.
+/// Returns a name for the run file. No file has it, and none has the name of its page.
 fn file() -> Result<String> {
     let folder = folder()?;
     let named = |number: u32| {

@@ -35,7 +35,7 @@ const MIXED: usize = 10;
 
 /// Returns the row with which each run of a clock starts but the first one. NaN is a missing time.
 ///
-/// A run starts where the time goes back and the next times pass those of the last run again: see
+/// A run starts where the time goes back and later times pass those of the last run: see
 /// [`Clock`]. Where the rows are mixed anyway, only a run that starts as the last one did counts.
 pub fn restarts(secs: &[f64]) -> Vec<usize> {
     let rows: Vec<usize> = (0..secs.len()).filter(|row| !secs[*row].is_nan()).collect();
@@ -59,7 +59,7 @@ fn starts(times: &[f64], counts: impl Fn(&Restart) -> bool) -> Vec<usize> {
         };
         at += 1;
         if let Some(restart) = found.filter(&counts) {
-            // The rows since the start, which increase, are read again as those of the new run.
+            // The new run reads its rows again, from its start on.
             at = starts[starts.len() - 1] + restart.row;
             starts.push(at);
             clock = Clock::default();

@@ -336,7 +336,7 @@ fn framing(simulated: &Simulated) -> Vec<&[f64]> {
     states.iter().step_by((end / FRAMING).max(1)).chain(states.last()).map(Vec::as_slice).collect()
 }
 
-/// Returns the signals that have a chart, and their units: those of the formula first.
+/// Returns the signals that have a chart, with their units. Signals of the formula come first.
 fn signals(header: &RunHeader, formula: Option<&Formula>) -> Vec<(String, String)> {
     let read = formula
         .map_or(Vec::new(), |formula| formula.signals().into_iter().map(ToString::to_string).collect());

@@ -98,7 +98,7 @@ class Renderer {
       const { corners, scale: size } = solid(shape, scene.meshes);
       return { ...shape, size, ...this.buffer(corners), local: poseMatrix(shape.position, shape.quaternion) };
     });
-    // A cloth is picked by a number after those of the bodies.
+    // The numbers of cloths follow those of bodies.
     this.cloths = scene.cloths.map((cloth, index) =>
       ({ ...cloth, ...this.buffer([]), size: [1, 1, 1], body: scene.bodies.length + index }));
     this.arrow = { ...this.buffer(arrow()), size: [1, 1, 1] };
