@@ -8,7 +8,7 @@ use mishandle_store::{RunFile, RunKind, SimulationEnd};
 use crate::error::MishandleError;
 use crate::run::rows::{REQUIREMENT, VACUITY};
 use crate::run::vacuity;
-use crate::run::{asks_nothing, has_random_rows, unchanged, varies};
+use crate::run::{asks_nothing, has_random_rows};
 
 /// Returns the findings about each named requirement of a run; `None` if it has none.
 ///
@@ -72,10 +72,8 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
     let is_rate = header.kind == RunKind::Evaluate && has_random_rows(header);
     let with_rate = |(_, _, requirement): (_, _, Requirement)| {
         let Requirement { started, simulations, violated, .. } = requirement;
-        let (least, most) = (requirement.minimum_robustness, requirement.maximum_robustness);
         Requirement {
-            asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, simulations)
-                .or_else(|| unchanged(simulations, least, most, varies(run) && started == simulations)),
+            asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, simulations),
             violation_rate: is_rate.then(|| failure_rate(violated, started - simulations, started)),
             ..requirement
         }

@@ -66,23 +66,13 @@ pub(super) fn of_question(run: &RunFile) -> Result<Option<String>, MishandleErro
     let header = run.header();
     let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
     let (mut vacuous, mut simulations) = (Vacuous::default(), 0);
-    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-    let mut has_ends = false;
     for row in run.simulations() {
         let row = row?;
-        let Some(robustness) = row.robustness else {
-            // An end without a verdict is a change, too.
-            has_ends = true;
-            continue;
-        };
-        simulations += 1;
+        simulations += u64::from(row.robustness.is_some());
         count(&mut vacuous, &row, column);
-        (least, most) = (least.min(robustness), most.max(robustness));
-        if vacuous.total() < simulations && least < most {
+        if vacuous.total() < simulations {
             return Ok(None);
         }
     }
-    let [least, most] = [least, most].map(|value| (simulations > 0).then_some(value.into()));
-    let reason = asks_nothing(&header.formula, vacuous, simulations);
-    Ok(reason.or_else(|| unchanged(simulations, least, most, varies(run) && !has_ends)))
+    Ok(asks_nothing(&header.formula, vacuous, simulations))
 }
