@@ -254,31 +254,6 @@ fn a_requirement_that_is_undefined_takes_no_verdict_from_another_one() {
     assert!(found.iter().all(|other| *other == found[0]), "{found:?}");
 }
 
-/// No scenario changes the first two formulas: the point is within 20 of the obstacle, and 1 is 1.
-/// The third one is never violated either, but scenarios change it.
-#[test]
-fn a_requirement_that_no_scenario_changes_was_not_tested() {
-    let x = signal();
-    let requirement =
-        |name: &str, formula: &str| format!("[[requirement]]\nname = \"{name}\"\nformula = \"{formula}\"\n");
-    let text = requirement("constant", &format!("always(0 * {x} + 1 >= 0)"))
-        + &requirement("wrong", &format!("always(0 * {x} - 1 >= 0)"))
-        + &requirement("tested", &format!("always({x} >= -10)"));
-    let folder = tempfile::tempdir().unwrap();
-    let found = run(&text, folder.path(), 1);
-    let facts = |name: &str| {
-        let cell = cell(&found, name);
-        (cell.verdict, cell.is_constant)
-    };
-    assert_eq!(facts("constant"), (CheckVerdict::AsksNothing, true));
-    let why = "asks nothing: nothing that was varied changes the robustness, 1 in all";
-    assert!(cell(&found, "constant").evidence.contains(why));
-    // A constant violation is one.
-    assert_eq!(facts("wrong"), (CheckVerdict::Violated, true));
-    assert_eq!(facts("tested"), (CheckVerdict::NotViolated, false));
-    assert_eq!(found.exit_code(), 1);
-}
-
 #[test]
 fn the_name_of_a_formula_comes_with_its_text() {
     let folder = tempfile::tempdir().unwrap();

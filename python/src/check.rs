@@ -59,7 +59,9 @@ pub fn check(
     }
     let subject = CheckSubject { plan: target.plan.clone(), target: Some(under_test) };
     let found = detached(py, target, || {
-        let mut watch = |done: &CheckProgress| report(target, progress.as_ref(), done.done, done.all);
+        let mut watch = |done: &CheckProgress| {
+            report(target, progress.as_ref(), done.done, done.largest.unwrap_or(done.all))
+        };
         mishandle::check::check(&[subject], &requirements, &target.settings.check, &out, &mut watch)
     })?;
     let found = found.ok_or_else(|| InvalidStateError::new_err("the check was interrupted"))?;

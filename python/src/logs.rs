@@ -248,7 +248,7 @@ pub fn monitor(
     };
     let texts = without.iter().map(text).collect();
     let found = mishandle_logs::document(verdicts, without, count, strict_horizon, signal);
-    Ok((json(&found)?, mishandle_cli::verdicts_text(&found.verdicts, count > 1), texts))
+    Ok((json(&found)?, mishandle_cli::verdict_text(&mishandle::verdict::monitor(&found, count)), texts))
 }
 
 /// Returns the robustness of a formula at the first time of a log; `None` if `decided_only` and

@@ -17,7 +17,7 @@ use crate::counterexample::{Counterexample, Suite, Tested, suite_files};
 use crate::error::{MishandleError, problem};
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run, of_folder};
+use crate::run::{Engine, Probed, Progress, ask, continue_run, of_folder};
 
 /// The test that all candidates take.
 pub(super) struct CandidateTest<'a> {
@@ -114,7 +114,7 @@ impl<'a> CandidateTest<'a> {
         feed(&mut hash, &Plan { controller: String::new(), ..asked.clone() }.to_toml());
         let file = self.file(candidate, hash, "sqlite");
         let evaluation = asked.evaluate.clone().unwrap_or_default();
-        let run = continue_run(&resolved, &file)?;
+        let run = continue_run(&resolved, &file, Probed::Requirement)?;
         let mut watch = |progress: &Progress| count(progress.simulations, evaluation.episodes);
         let answer = ask(&resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         let answer: Evaluation = answer.try_into()?;

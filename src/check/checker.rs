@@ -11,6 +11,7 @@ use super::{CheckSubject, Requirements};
 use crate::error::{MishandleError, problem};
 use crate::plan::{CheckSettings, EvaluatePlan, FalsifyPlan, Plan};
 use crate::resolve::{ResolvedPlan, missing_signals, target};
+use crate::run::cost;
 
 /// A requirement of the file for a target.
 pub(super) struct Asked<'a> {
@@ -80,6 +81,12 @@ impl<'a> Checker<'a> {
         };
         checker.resolve()?;
         Ok(checker)
+    }
+
+    /// Returns the largest number of simulations of all runs.
+    pub(super) fn largest(&self) -> Result<u64, MishandleError> {
+        let searches = self.asked.iter().filter_map(|asked| asked.search.as_ref());
+        self.random.iter().chain(searches).map(|resolved| Ok(cost(resolved)?.simulations)).sum()
     }
 
     /// Looks up and checks the plans of all runs.

@@ -14,7 +14,7 @@ use super::row::{self, Row};
 use super::{CheckProgress, Watch};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run, of_folder};
+use crate::run::{Engine, Probed, Progress, ask, continue_run, of_folder};
 
 /// The runs and the cells of one controller.
 pub(super) struct Column {
@@ -35,7 +35,7 @@ impl Checker<'_> {
         let mut programs = BTreeSet::new();
         for resolved in &self.random {
             let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
-            let done = self.ask(resolved, &path, "random scenarios", watch)?;
+            let done = self.ask(resolved, &path, Probed::All, "random scenarios", watch)?;
             let Some((answer, run)) = done else {
                 return Ok(None);
             };
@@ -51,7 +51,8 @@ impl Checker<'_> {
             }
             let name = &asked.written.name;
             let path = run_file(self.folder, &self.label, "search", name);
-            let done = self.ask(resolved, &path, &format!("search for {name}"), watch)?;
+            let done =
+                self.ask(resolved, &path, Probed::Requirement, &format!("search for {name}"), watch)?;
             let Some((answer, run)) = done else {
                 return Ok(None);
             };
@@ -69,14 +70,15 @@ impl Checker<'_> {
         &self,
         resolved: &ResolvedPlan,
         path: &Path,
+        probed: Probed,
         what: &str,
         watch: Watch<'_>,
     ) -> Result<Option<(Answer, RunFile)>, MishandleError> {
-        let run = continue_run(resolved, path)?;
+        let run = continue_run(resolved, path, probed)?;
         let phase = format!("{}: {what}", self.label);
         let mut watch = |progress: &Progress| {
             let Progress { simulations: done, max_simulations: all, .. } = *progress;
-            watch(&CheckProgress { phase: phase.clone(), done, all })
+            watch(&CheckProgress { phase: phase.clone(), done, all, largest: None })
         };
         let answer = ask(resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         if !answer.is_complete() {

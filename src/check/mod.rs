@@ -62,6 +62,8 @@ pub struct CheckProgress {
     pub done: u64,
     /// Number of all its simulations.
     pub all: u64,
+    /// Largest number of simulations of all runs: in the first call alone, before any of them.
+    pub largest: Option<u64>,
 }
 
 /// Gets the progress now and then, and can end the check, which a later call continues.
@@ -91,6 +93,11 @@ pub fn check(
     let checkers = checkers?;
     let _lock = folder::open(folder, requirements.text)?;
     let mut columns = Vec::new();
+    let largest = checkers.iter().map(Checker::largest).sum::<Result<u64, MishandleError>>()?;
+    let start = CheckProgress { phase: String::new(), done: 0, all: 0, largest: Some(largest) };
+    if watch(&start).is_break() {
+        return Ok(None);
+    }
     for checker in &checkers {
         match checker.run(watch)? {
             Some(column) => columns.push(column),

@@ -14,7 +14,7 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::run::open_text;
 use crate::run::rows::{REQUIREMENT, episode_end};
-use crate::run::{asks_nothing, unchanged, varies};
+use crate::run::{OneTrace, asks_nothing};
 
 /// Two one-sided 95 % bounds.
 const CONFIDENCE: f64 = 0.9;
@@ -29,15 +29,14 @@ pub(super) struct Row {
     /// Largest share of the simulations without a verdict that allows a conclusion.
     max_share: f64,
     minimum: Option<Number>,
-    maximum: Option<Number>,
     /// The first simulation without a verdict, and why it has none.
     unclear: Option<String>,
     /// Its formula.
     formula: String,
     /// The simulations that ask nothing of the controller.
     vacuous: Vacuous,
-    /// Whether the scenarios of a run can differ.
-    varies: bool,
+    /// Whether all simulations have one trace.
+    one: OneTrace,
     /// Path, trial and number of the simulation with the minimum robustness.
     pub worst: Option<(PathBuf, u32, u32)>,
 }
@@ -56,7 +55,6 @@ impl Row {
         counts.violated += found.violated;
         counts.without_verdict += ends.simulations - found.simulations;
         counts.invalid_starts += ends.invalid_starts;
-        self.varies |= varies(run);
         let place = found.minimum_robustness.zip(found.trial.zip(found.simulation));
         if let Some((robustness, (trial, number))) = place
             && self.minimum.is_none_or(|least| robustness.0.total_cmp(&least.0).is_lt())
@@ -64,8 +62,6 @@ impl Row {
             self.minimum = Some(robustness);
             self.worst = Some((run.path().to_path_buf(), trial, number));
         }
-        let most = found.maximum_robustness.into_iter().chain(self.maximum);
-        self.maximum = most.max_by(|a, b| a.0.total_cmp(&b.0));
     }
 
     /// Returns the number of simulations that violate it.
@@ -100,12 +96,6 @@ impl Row {
         )
     }
 
-    /// Returns whether no scenario changes the robustness.
-    fn is_constant(&self) -> bool {
-        let same = |(least, most): (Number, Number)| least.0.total_cmp(&most.0).is_eq();
-        self.varies && self.simulations() > 1 && self.minimum.zip(self.maximum).is_some_and(same)
-    }
-
     /// Returns the failure rate of the random scenarios. Those without a verdict widen the
     /// interval.
     fn failure_rate(&self) -> Estimate {
@@ -135,7 +125,6 @@ impl Row {
             searched: self.searched,
             failure_rate: is_applicable.then(|| self.failure_rate()),
             minimum_robustness: self.minimum,
-            is_constant: self.is_constant(),
             counterexample: None,
         }
     }
@@ -171,17 +160,8 @@ impl Row {
             sentence += &format!("; left out: {left_out}, from which the target cannot start");
         }
         let reason = asks_nothing(&self.formula, self.vacuous, self.simulations());
-        if let (CheckVerdict::NotViolated, Some(reason)) = (
-            verdict,
-            reason.or_else(|| {
-                unchanged(
-                    self.simulations(),
-                    self.minimum,
-                    self.maximum,
-                    self.varies && self.without_verdict() == 0,
-                )
-            }),
-        ) {
+        let reason = reason.or_else(|| self.one.reason());
+        if let (CheckVerdict::NotViolated, Some(reason)) = (verdict, reason) {
             return (CheckVerdict::AsksNothing, format!("{sentence}; asks nothing: {reason}"));
         }
         (verdict, sentence)
@@ -266,11 +246,15 @@ pub(super) fn add(
         let mut has_all = true;
         for (row, column) in rows.iter_mut().zip(&columns) {
             let is_open = |column: &usize| simulation.verdicts.get(*column).copied().flatten().is_none();
-            if column.as_ref().is_some_and(is_open) {
-                has_all = false;
-                if end.counts_in_rates() {
-                    row.unclear.get_or_insert_with(|| unclear(&simulation, run));
+            match column {
+                Some(column) if is_open(column) => {
+                    has_all = false;
+                    if end.counts_in_rates() {
+                        row.unclear.get_or_insert_with(|| unclear(&simulation, run));
+                    }
                 }
+                Some(_) => row.one.add(&simulation),
+                None => {}
             }
         }
         count_end(&mut ends, end, has_all, 1);

@@ -14,7 +14,7 @@ use mishandle_text::path_text;
 use crate::error::{MishandleError, exists, problem};
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Opening, Progress, ask, continue_run};
+use crate::run::{Engine, Opening, Probed, Progress, ask, continue_run};
 
 use super::controller_files::ControllerFiles;
 use super::{EXTENSION, HardenProgress, HardenUnit, ONNX_EXTENSION, Watch, plan_file};
@@ -208,7 +208,7 @@ impl Folder {
         watch: Watch<'_>,
     ) -> Result<Option<Asked>, MishandleError> {
         let resolved = ResolvedPlan::new(plan)?;
-        let mut run = continue_run(&resolved, path)?;
+        let mut run = continue_run(&resolved, path, Probed::Requirement)?;
         self.opening.apply(&mut run, &resolved)?;
         let mut watch = |progress: &Progress| {
             watch(&HardenProgress {

@@ -36,6 +36,12 @@ pub(super) fn add_recorded_parts(
         Answer::Margin(found) => {
             found.without_verdict = without_verdict;
             found.asks_nothing = asks_nothing_in(run)?;
+            if found.asks_nothing.is_some() {
+                found.no_violation_up_to = None;
+                found.no_violation_simulations = None;
+                found.no_violation_seeds = None;
+                found.no_violation_is_exhaustive = None;
+            }
         }
         Answer::Metamorphic(found) => {
             found.without_verdict = without_verdict;

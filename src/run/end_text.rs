@@ -43,8 +43,9 @@ pub fn end_text(end: EpisodeEnd, signals: &[&str]) -> String {
 /// Says why a simulation with this end has no verdict.
 pub(crate) fn open_text(end: EpisodeEnd, signals: &[&str]) -> String {
     match end {
-        EpisodeEnd::Completed | EpisodeEnd::Terminated { .. } => {
-            "the formula has no finite value".to_string()
+        EpisodeEnd::Completed => "the formula has no finite value".to_string(),
+        EpisodeEnd::Terminated { .. } => {
+            format!("{}, which leaves the formula undecided", end_text(end, signals))
         }
         end => end_text(end, signals),
     }

@@ -8,8 +8,8 @@ use mishandle_store::{IfExists, RunHeader, RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, controller_name, file_label};
-use crate::run::Probes;
 use crate::run::header::header;
+use crate::run::{Probed, Probes};
 use crate::run::{admit_build, same_plan, unfinished};
 
 /// How run files are opened for writing.
@@ -55,16 +55,8 @@ pub fn create_probed_run(
     resolved: &ResolvedPlan,
     path: Option<&Path>,
 ) -> Result<(RunWriter, Probes), MishandleError> {
-    // What a question needs, before there is a file.
-    if resolved.plan.risk.is_some() {
-        crate::run::check_risk_method(resolved)?;
-    }
-    if let Some(margin) = &resolved.plan.margin {
-        mishandle_falsification::check_margin(margin.budget, &resolved.space)?;
-        if margin.each_category {
-            mishandle_falsification::each_category(&resolved.space)?;
-        }
-    }
+    check_question(resolved)?;
+    let create = |path: &Path| create(resolved, path, Probed::All);
     let Some(path) = path else {
         // Another process can take the free name first.
         let is_taken = |created: &Result<(RunWriter, Probes), MishandleError>| {
@@ -74,24 +66,45 @@ pub fn create_probed_run(
             )
         };
         let mut number = 1;
-        let mut created = create(resolved, &free_name(&resolved.plan, number));
+        let mut created = create(&free_name(&resolved.plan, number));
         while is_taken(&created) {
             number += 1;
-            created = create(resolved, &free_name(&resolved.plan, number));
+            created = create(&free_name(&resolved.plan, number));
         }
         return created;
     };
-    create(resolved, path)
+    create(path)
 }
 
-/// Continues the run of a plan at `path`, or begins it.
+/// Checks what a question needs, before there is a file.
+fn check_question(resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+    if resolved.plan.risk.is_some() {
+        crate::run::check_risk_method(resolved)?;
+    }
+    if let Some(margin) = &resolved.plan.margin {
+        mishandle_falsification::check_margin(margin.budget, &resolved.space)?;
+        if margin.each_category {
+            mishandle_falsification::each_category(&resolved.space)?;
+        }
+    }
+    Ok(())
+}
+
+/// Continues the run of a plan at `path`, or begins it with its probes.
 ///
 /// # Errors
 /// If it is a run of another plan, which is not changed, or cannot be opened.
-pub(crate) fn continue_run(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleError> {
+pub(crate) fn continue_run(
+    resolved: &ResolvedPlan,
+    path: &Path,
+    probed: Probed,
+) -> Result<RunWriter, MishandleError> {
     let run = match path.exists().then(|| RunWriter::resume(path)) {
         // A program was killed while it created the run.
-        None | Some(Err(StoreError::Unfinished { .. })) => create_run(resolved, Some(path))?,
+        None | Some(Err(StoreError::Unfinished { .. })) => {
+            check_question(resolved)?;
+            create(resolved, path, probed)?.0
+        }
         Some(run) => run?,
     };
     same_plan::check(run.file().header(), resolved)?;
@@ -99,13 +112,17 @@ pub(crate) fn continue_run(resolved: &ResolvedPlan, path: &Path) -> Result<RunWr
 }
 
 /// Creates the run file of a plan at `path`, with its folder.
-fn create(resolved: &ResolvedPlan, path: &Path) -> Result<(RunWriter, Probes), MishandleError> {
+fn create(
+    resolved: &ResolvedPlan,
+    path: &Path,
+    probed: Probed,
+) -> Result<(RunWriter, Probes), MishandleError> {
     // Removes them again if the run cannot be created.
     let mut folders = NewFolders::default();
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         folders.create(folder).map_err(MishandleError::write("folder", folder))?;
     }
-    let (preflight, probes) = crate::run::preflight(resolved)?;
+    let (preflight, probes) = crate::run::preflight(resolved, probed)?;
     let header = RunHeader { preflight, ..header(resolved) };
     Ok((RunWriter::create(path, &header, IfExists::Refuse)?, probes))
 }

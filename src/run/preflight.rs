@@ -30,6 +30,15 @@ const MAX_CHARACTERS: usize = 1000;
 /// Largest number of values of a discrete axis that are probed.
 const MAX_LEVELS: usize = 5;
 
+/// What the simulations before the first one probe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Probed {
+    /// Requirement and axes.
+    All,
+    /// The requirement alone: another run probes the axes of this space.
+    Requirement,
+}
+
 /// Checks requirement and space with a few simulations of their own, which are part of no result,
 /// and returns warnings in words, and what the simulations cost.
 ///
@@ -42,13 +51,16 @@ const MAX_LEVELS: usize = 5;
 /// # Errors
 /// If the requirement does not fit the signals, the policy of a target file cannot act, or the
 /// system fails as a whole, as after Ctrl-C in a system in Python.
-pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<(Vec<String>, Probes), MishandleError> {
+pub(crate) fn preflight(
+    resolved: &ResolvedPlan,
+    probed: Probed,
+) -> Result<(Vec<String>, Probes), MishandleError> {
     let mut warnings = contract_warnings(&resolved.plan)?;
     unseen_axes(resolved, &mut warnings);
     fixed_axes(resolved, &mut warnings);
     mixed_units(resolved, &mut warnings)?;
     let seed = Seed(resolved.plan.seed).child(u64::MAX).child(u64::MAX);
-    let mut system = Probed { system: resolved.system()?, simulations: 0 };
+    let mut system = CountedSystem { system: resolved.system()?, simulations: 0 };
     let start = Instant::now();
     let nominal = Request::new(resolved.space.nominal(), seed);
     let Some(nominal) = system.rollout(vec![nominal])?.pop() else {
@@ -60,7 +72,7 @@ pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<(Vec<String>, Probes)
     let limit = in_time.max((SHARE * cost(resolved)?.simulations as f64) as usize);
     let mut probes = vec![nominal];
     // Traces of a nondeterministic target differ without a reason.
-    if resolved.target.is_deterministic {
+    if resolved.target.is_deterministic && probed == Probed::All {
         axes_without_effect(resolved, &mut system, seed, limit, &mut probes, &mut warnings)?;
     }
     let seconds = match system.simulations - 1 {
@@ -90,12 +102,12 @@ fn failed(nominal: &Episode, resolved: &ResolvedPlan) -> Option<String> {
 }
 
 /// A system that counts its probes.
-struct Probed {
+struct CountedSystem {
     system: Box<dyn System>,
     simulations: u64,
 }
 
-impl Probed {
+impl CountedSystem {
     fn rollout(&mut self, requests: Vec<Request>) -> Result<Vec<Episode>, MishandleError> {
         self.simulations += requests.len() as u64;
         let requests: Vec<Request> =
@@ -194,7 +206,7 @@ impl Others {
 /// Warns of axes that change no trace, whatever the values of the others.
 fn axes_without_effect(
     resolved: &ResolvedPlan,
-    system: &mut Probed,
+    system: &mut CountedSystem,
     seed: Seed,
     limit: usize,
     probes: &mut Vec<Episode>,
@@ -227,7 +239,7 @@ pub(super) fn without_effect(axis: &Axis) -> String {
 /// Probes axes at their bounds and between them, and returns those that change no trace.
 fn unchanging(
     resolved: &ResolvedPlan,
-    system: &mut Probed,
+    system: &mut CountedSystem,
     seed: Seed,
     limit: usize,
     probed: &[usize],

@@ -8,7 +8,7 @@ use mishandle_store::{RunFile, RunKind, SimulationEnd};
 use crate::error::MishandleError;
 use crate::run::rows::{REQUIREMENT, VACUITY};
 use crate::run::vacuity;
-use crate::run::{asks_nothing, has_random_rows};
+use crate::run::{OneTrace, asks_nothing, has_random_rows};
 
 /// Returns the findings about each named requirement of a run; `None` if it has none.
 ///
@@ -33,15 +33,14 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
             violated: 0,
             violation_rate: None,
             minimum_robustness: None,
-            maximum_robustness: None,
             trial: None,
             simulation: None,
             vacuous: Vacuous::default(),
             asks_nothing: None,
         };
-        Some((column, vacuity, empty))
+        Some((column, vacuity, empty, OneTrace::default()))
     });
-    let mut found: Vec<(usize, Option<usize>, Requirement)> = named.collect();
+    let mut found: Vec<_> = named.collect();
     if found.is_empty() {
         return Ok(None);
     }
@@ -50,7 +49,7 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
         if header.kind == RunKind::Evaluate && simulation.trial == Corners::TRIAL {
             continue;
         }
-        for (column, vacuity, requirement) in &mut found {
+        for (column, vacuity, requirement, one) in &mut found {
             requirement.started += u64::from(simulation.end != SimulationEnd::InvalidScenario);
             let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else {
                 continue;
@@ -58,22 +57,21 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
             requirement.simulations += 1;
             requirement.violated += u64::from(is_violated(robustness));
             vacuity::count(&mut requirement.vacuous, &simulation, *vacuity);
+            one.add(&simulation);
             if requirement.minimum_robustness.is_none_or(|least| robustness.total_cmp(&least.0).is_lt()) {
                 requirement.minimum_robustness = Some(robustness.into());
                 requirement.trial = Some(simulation.trial);
                 requirement.simulation = Some(simulation.number);
             }
-            if requirement.maximum_robustness.is_none_or(|most| robustness.total_cmp(&most.0).is_gt()) {
-                requirement.maximum_robustness = Some(robustness.into());
-            }
         }
     }
     // A trial that ends at its first violation has a biased share of violations, too.
     let is_rate = header.kind == RunKind::Evaluate && has_random_rows(header);
-    let with_rate = |(_, _, requirement): (_, _, Requirement)| {
+    let with_rate = |(_, _, requirement, one): (_, _, Requirement, OneTrace)| {
         let Requirement { started, simulations, violated, .. } = requirement;
+        let reason = asks_nothing(&requirement.formula, requirement.vacuous, simulations);
         Requirement {
-            asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, simulations),
+            asks_nothing: reason.or_else(|| one.reason()).filter(|_| violated == 0),
             violation_rate: is_rate.then(|| failure_rate(violated, started - simulations, started)),
             ..requirement
         }

@@ -1,10 +1,10 @@
 //! Formulas that hold in simulations and ask nothing of the controller.
 
 use mishandle_requirements::start_traps;
-use mishandle_results::{Number, TrapSeverity, Vacuous};
-use mishandle_stl::{Formula, Vacuity, is_satisfied};
+use mishandle_results::{TrapSeverity, Vacuous};
+use mishandle_stl::{Formula, Vacuity, is_violated};
 use mishandle_store::{RunFile, Simulation};
-use mishandle_text::{number_text, plural};
+use mishandle_text::plural;
 
 use crate::error::MishandleError;
 use crate::run::rows::SEARCH_VACUITY;
@@ -41,38 +41,58 @@ pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) ->
     Some(reasons.join(", or ") + &instead)
 }
 
-/// Returns why simulations that violate nothing say nothing about the controller, if nothing that
-/// was varied changes their robustness: `least` and `most` are the same, and all have a verdict.
-pub(crate) fn unchanged(
+/// Whether simulations of different scenarios all have one trace: then they say no more than one of
+/// them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct OneTrace {
+    first: Option<Simulation>,
     simulations: u64,
-    least: Option<Number>,
-    most: Option<Number>,
     varies: bool,
-) -> Option<String> {
-    let (least, most) = least.zip(most).filter(|(least, _)| is_satisfied(least.0))?;
-    let is_same = varies && simulations > 1 && least.0.total_cmp(&most.0).is_eq();
-    let robustness = number_text(least.0);
-    let all = plural(simulations, "simulation");
-    is_same.then(|| format!("nothing that was varied changes the robustness, {robustness} in all {all}"))
+    differs: bool,
 }
 
-/// Returns whether the scenarios of a run can differ.
-pub(crate) fn varies(run: &RunFile) -> bool {
-    run.header().axes.iter().any(|axis| axis.low < axis.high)
+impl OneTrace {
+    /// Adds a simulation with a verdict.
+    pub fn add(&mut self, row: &Simulation) {
+        self.simulations += 1;
+        match &self.first {
+            None => {
+                self.differs = row.trace_digest.is_none();
+                self.first = Some(row.clone());
+            }
+            Some(first) => {
+                self.varies |= first.scenario != row.scenario;
+                self.differs |= first.trace_digest != row.trace_digest;
+            }
+        }
+    }
+
+    /// Returns why the simulations ask nothing; `None` if two of them differ.
+    pub fn reason(&self) -> Option<String> {
+        let all = plural(self.simulations, "simulation");
+        (self.varies && !self.differs)
+            .then(|| format!("nothing that was varied changes any signal in {all}: they are one simulation"))
+    }
 }
 
 /// Returns why no simulation of a run asks anything with the formula of its question.
 pub(super) fn of_question(run: &RunFile) -> Result<Option<String>, MishandleError> {
     let header = run.header();
     let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
-    let (mut vacuous, mut simulations) = (Vacuous::default(), 0);
+    let (mut vacuous, mut simulations, mut one) = (Vacuous::default(), 0, OneTrace::default());
     for row in run.simulations() {
         let row = row?;
-        simulations += u64::from(row.robustness.is_some());
+        if row.robustness.is_some_and(is_violated) {
+            return Ok(None);
+        }
+        if row.robustness.is_some() {
+            simulations += 1;
+            one.add(&row);
+        }
         count(&mut vacuous, &row, column);
-        if vacuous.total() < simulations {
+        if vacuous.total() < simulations && one.differs {
             return Ok(None);
         }
     }
-    Ok(asks_nothing(&header.formula, vacuous, simulations))
+    Ok(asks_nothing(&header.formula, vacuous, simulations).or_else(|| one.reason()))
 }

@@ -25,7 +25,7 @@ use mishandle_store::{RANDOM_TRIAL, RunFile};
 use crate::error::{MishandleError, invalid, problem};
 use crate::plan::{EvaluatePlan, GuardPlan, Plan, TuneSettings};
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run, of_folder, rows};
+use crate::run::{Engine, Probed, Progress, ask, continue_run, of_folder, rows};
 pub use threshold::Least;
 
 /// Indices of the child seeds of the training and of the held-out scenarios.
@@ -218,7 +218,7 @@ impl<'p> Tuner<'p> {
         let resolved = ResolvedPlan::new(&self.plan(phase, guard))?;
         fs::create_dir_all(self.folder).map_err(MishandleError::write("folder", self.folder))?;
         let path = self.folder.join(RUNS[phase as usize]);
-        let run = continue_run(&resolved, &path)?;
+        let run = continue_run(&resolved, &path, Probed::Requirement)?;
         let mut watch = |progress: &Progress| {
             let Progress { simulations: done, max_simulations: all, .. } = *progress;
             watch(&TuneProgress { phase: phase.name(), done, all })

@@ -27,8 +27,9 @@ pub(super) fn verdict(found: &Margin) -> Verdict {
             Verdict::new(Conclusion::NothingFound, headline)
         }
         (None, None) => {
-            let from = found.smallest_without_verdict.map_or(String::new(), |amplitude| {
-                format!("; simulations have no verdict from {} on", size(amplitude))
+            let from = found.smallest_without_verdict.map_or(String::new(), |amplitude| match amplitude {
+                0.0 => "; the nominal scenario itself has no verdict".to_string(),
+                _ => format!("; simulations have no verdict from {} on", size(amplitude)),
             });
             let headline = format!(
                 "{subject}: no violation in {simulations}, which says nothing about the space{from}{end}"

@@ -12,6 +12,7 @@ mod evaluation;
 mod falsification;
 mod hardening;
 mod margin;
+mod monitor;
 mod risk;
 mod subject;
 
@@ -26,6 +27,7 @@ pub use comparison::comparison;
 pub use falsification::smallest_cause;
 pub use hardening::hardening;
 pub use margin::category_names;
+pub use monitor::{LogAnswer, log, log_table, log_title, monitor, untested};
 pub use subject::tested;
 
 /// The conclusion of an answer.

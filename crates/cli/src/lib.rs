@@ -27,7 +27,6 @@ pub use show::bisection::{command as bisection_command, text as bisection_text};
 pub use show::check::text as check_text;
 pub use show::cost::{text as cost_text, time_text};
 pub use show::formula::text as formula_text;
-pub use show::log_verdicts::verdicts as verdicts_text;
 pub use show::mining::text as mining_text;
 pub use show::verdict::python_text as verdict_text;
 

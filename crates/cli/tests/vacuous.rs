@@ -239,7 +239,10 @@ fn a_question_that_concludes_says_first_that_nothing_was_asked() {
         bench.check(&format!("{evaluate} --out a.sqlite"), code);
         asks(&bench, "compare a.sqlite a.sqlite", truth, 1, reason);
         let margin = format!("margin {question} --space dynamics+events --budget 20 --out margin-OUT.sqlite");
-        asks(&bench, &margin, truth, 1, reason);
+        asks(&bench, &margin, truth, 1, |found| {
+            assert_eq!(found["no_violation_up_to"].is_null(), reason(found).is_some(), "{found}");
+            reason(found)
+        });
         let plan = format!(
             "target = 'toy/car-following'\nspace = 'starts'\nmetamorphic.formula = '{formula}'\nmetamorphic.pairs = 5\n\
              metamorphic.relations.r = {{ holds = 'same-verdict', change = {{ gap = '+1' }} }}\n"
@@ -258,5 +261,41 @@ fn a_question_that_concludes_says_first_that_nothing_was_asked() {
         assert!(known.contains(violated), "{known}");
         std::fs::write(&file, known.replace(violated, formula)).unwrap();
         asks(&bench, "regress suite", truth, 1, |found| reason(&found["tests"][0]));
+        bench.check("regress suite --junit tests.xml", code);
+        files_say(&bench, &["tests.xml"], truth);
+    }
+}
+
+/// A system that no scenario changes gives one simulation, whatever their number. A flag that never
+/// rises has the same robustness in all of them, and was tested nevertheless.
+#[test]
+fn a_system_that_no_scenario_changes_is_no_evidence() {
+    let constant = PROGRAM.replace("else q[\"scenario\"][\"start\"]", "else 30.0");
+    for (program, formula, code) in [
+        (constant.as_str(), "always(gap >= 2)", 2),
+        (&constant, "always(gap >= 1000)", 1),
+        (PROGRAM, "always(speed >= 1)", 0),
+    ] {
+        let bench = Bench::new();
+        bench.write("car.py", &program.replace("FORMULA", formula));
+        bench.write("set.toml", &format!("[[requirement]]\nname = 'R'\nformula = '{formula}'\n"));
+        let system = "--command 'python3 car.py'";
+        let named = format!("--requirement 'R={formula}'");
+        let monte_carlo = "-k risk.method=monte-carlo -k risk.simulations=100";
+        for (question, code) in [
+            (format!("check {system} --requirements set.toml {SIZE} --out checked"), code),
+            (format!("evaluate {system} {named} --episodes 5 --out e.sqlite"), code),
+            (format!("falsify {system} --trials 1 --budget 5 --out f.sqlite"), code),
+            (format!("risk {system} {monte_carlo} --out r.sqlite"), code),
+            (format!("margin {system} --space space --budget 20 --out m.sqlite"), code),
+        ] {
+            let output = bench.run(&question);
+            let shown = unwrapped(&text(&output.stdout));
+            assert_eq!(output.status.code(), Some(code), "{question}\n{shown}\n{}", text(&output.stderr));
+            assert_eq!(shown.contains("nothing that was varied changes any signal"), code == 2, "{shown}");
+        }
+        // A comparison of two constant systems says no more than one of them.
+        let compared = bench.run("compare e.sqlite e.sqlite");
+        assert_eq!(compared.status.code() == Some(2), code == 2, "{}", text(&compared.stdout));
     }
 }

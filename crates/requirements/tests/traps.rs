@@ -242,6 +242,7 @@ fn precedence() {
     check("always[0:2s] p >= 1 and q >= 1", &["precedence"]);
     check("always(p >= 1) since q >= 1", &["past-at-the-start"]);
     check("eventually[0:5s](not (p >= 1) or q >= 1)", &["eventually-implies"]);
+    check("eventually[0:5s](q >= 1 or not (p >= 1))", &[]);
     check("always[0:2s](p >= 1) and q >= 1", &["first-sample-only"]);
     check("always(a >= 1 and b >= 1 or c >= 1)", &["precedence"]);
     check("always((a >= 1 and b >= 1) or c >= 1)", &[]);

@@ -143,10 +143,6 @@ pub struct CheckCell {
     pub failure_rate: Option<Estimate>,
     /// Minimum robustness; `null` without a verdict.
     pub minimum_robustness: Option<Number>,
-    /// Whether the robustness is the same in all simulations, at least two, although the space has
-    /// axes: nothing that was varied changes it, so without a violation the requirement asks
-    /// nothing.
-    pub is_constant: bool,
     /// The violation with the minimum robustness; `null` without one.
     pub counterexample: Option<CheckCounterexample>,
 }

@@ -177,9 +177,6 @@ pub struct Requirement {
     pub violation_rate: Option<Estimate>,
     /// Minimum robustness; `null` without a verdict.
     pub minimum_robustness: Option<Number>,
-    /// Maximum robustness; `null` without a verdict. If it is the minimum, no simulation changed
-    /// it.
-    pub maximum_robustness: Option<Number>,
     /// Trial of the simulation with the minimum robustness.
     pub trial: Option<u32>,
     /// Number of this simulation.

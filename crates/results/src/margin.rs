@@ -42,7 +42,7 @@ pub struct Margin {
     pub levels: Vec<Level>,
     /// Largest amplitude below that of the witness at which a finished search found no violation,
     /// and below `smallest_without_verdict`; with several searches, the smallest of theirs. `null`
-    /// without one.
+    /// without one, and if `asks_nothing`.
     pub no_violation_up_to: Option<f64>,
     /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without
     /// one.

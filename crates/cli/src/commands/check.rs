@@ -7,13 +7,14 @@ use mishandle::Plan;
 use mishandle::check::{CheckProgress, CheckSubject, Requirements, check};
 use mishandle::resolve::command_target;
 use mishandle::results::{Check, CheckVerdict};
+use mishandle::run::Cost;
 use mishandle_text::{plural, shell_path, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::{self, check_reports, control_flow, logs};
 use crate::show::progress::Bar;
-use crate::show::{self, escape, output};
+use crate::show::{self, cost, escape, output};
 use crate::words::shell_command;
 
 /// Check all requirements of a file on a target, for one or several controllers: a matrix with
@@ -89,8 +90,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let found = check(&subjects, &requirements, &settings.check, out, &mut |progress: &CheckProgress| {
-        bar.set_part(&progress.phase, progress.all);
-        bar.set_position(progress.done);
+        match progress.largest {
+            Some(simulations) => output::message(&cost::text(&Cost { simulations, of_counterexample: 0 })),
+            None => {
+                bar.set_part(&progress.phase, progress.all);
+                bar.set_position(progress.done);
+            }
+        }
         control_flow()
     });
     let Some(found) = found? else {

@@ -11,7 +11,7 @@ use mishandle_text::plural;
 use crate::exit_status::ExitStatus;
 use crate::flags::{Keys, LogQuestion};
 use crate::run::log_question::{self, Question};
-use crate::show::{explanation, log_verdicts, output};
+use crate::show::{explanation, log_verdicts, output, verdict};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
 #[derive(Debug, Args)]
@@ -129,12 +129,19 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let found = (!verdicts.is_empty())
         .then(|| mishandle_logs::document(verdicts, without.list.clone(), logs, strict_horizon, values));
     let verdicts = found.as_ref().map_or(&[][..], |found| &found.verdicts[..]);
-    let outcomes = log_verdicts::outcomes(verdicts, &without.list);
     if let Some(path) = &command.junit {
-        output::write_atomically(path, command.force, log_verdicts::junit(&outcomes).as_bytes())?;
+        output::write_atomically(
+            path,
+            command.force,
+            log_verdicts::junit(verdicts, &without.list).as_bytes(),
+        )?;
     }
     if let Some(path) = &command.markdown {
-        output::write_atomically(path, command.force, log_verdicts::markdown(&outcomes).as_bytes())?;
+        output::write_atomically(
+            path,
+            command.force,
+            log_verdicts::markdown(verdicts, &without.list).as_bytes(),
+        )?;
     }
     let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
     let note = cut.filter(|_| !command.json).map(|cut| {
@@ -149,7 +156,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     match &found {
         None => {}
         Some(found) if command.json => output::json(found)?,
-        Some(_) => output::line(&log_verdicts::shown(&outcomes, logs > 1))?,
+        Some(found) => output::styled(&verdict::text(&mishandle::verdict::monitor(found, logs)))?,
     }
     if !command.json && missing > 0 {
         output::message(&format!("note: {} missing in a log", plural(missing, "value")));
@@ -176,7 +183,7 @@ fn explain(question: &Question<'_>, is_json: bool) -> Result<ExitStatus> {
     } else if !found.is_empty() {
         let texts: Vec<String> =
             found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
-        output::line(&texts.join("\n\n\n"))?;
+        output::styled(&texts.join("\n\n\n"))?;
     }
     log_question::check_all(without, question.sources.len())?;
     status

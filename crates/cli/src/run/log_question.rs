@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::plan::LogSettings;
 use mishandle::results::{LogExplanation, LogVerdict, NoVerdict, Severity};
+use mishandle::verdict::{LogAnswer, untested};
 use mishandle_logs::{Evaluation, NamedSamples, Options, Requirement, Source};
 use mishandle_text::plural;
 
@@ -180,30 +181,18 @@ fn reason(error: &anyhow::Error) -> String {
     words::with_causes(causes.get(1..).filter(|causes| !causes.is_empty()).unwrap_or(&causes).iter().copied())
 }
 
-/// Returns the exit status of verdicts, one of which can fail: each with its requirement and the
-/// reason for which it asks nothing.
+/// Returns the exit status of verdicts on logs, one of which can fail.
 ///
 /// # Errors
-/// If none fails, and a requirement asks nothing of every log. One with the severity `warning` does
-/// not count, unless no other one asks something.
+/// If none fails, and a requirement asks nothing of every log, as [`untested`] says.
 pub fn status<'a>(
     fails: bool,
-    found: impl IntoIterator<Item = (String, Severity, Option<&'a str>)>,
+    found: impl IntoIterator<Item = impl Into<LogAnswer<'a>>>,
 ) -> Result<ExitStatus> {
     if fails {
         return Ok(ExitStatus::Violated);
     }
-    let mut reasons: BTreeMap<String, (Severity, Option<&str>)> = BTreeMap::new();
-    for (requirement, severity, reason) in found {
-        let (_, known) = reasons.entry(requirement).or_insert((severity, reason));
-        *known = known.and(reason);
-    }
-    let nothing = reasons.values().all(|(_, reason)| reason.is_some());
-    let first = reasons.iter().find_map(|(requirement, (severity, reason))| {
-        let counts = nothing || *severity != Severity::Warning;
-        Some((requirement, (*reason).filter(|_| counts)?))
-    });
-    if let Some((requirement, reason)) = first {
+    if let Some((requirement, reason)) = untested(found) {
         bail!("{} is satisfied and asks nothing: {}", escape::name(requirement), escape::name(reason));
     }
     Ok(ExitStatus::Done)
@@ -214,12 +203,7 @@ pub fn status<'a>(
 /// # Errors
 /// As for [`status`].
 pub fn status_of<'a>(verdicts: impl Iterator<Item = &'a LogVerdict> + Clone) -> Result<ExitStatus> {
-    let fails = verdicts.clone().any(LogVerdict::fails);
-    let found = verdicts.map(|found| {
-        let name = found.name.clone().unwrap_or_else(|| found.formula.clone());
-        (name, found.severity, found.asks_nothing.as_deref())
-    });
-    status(fails, found)
+    status(verdicts.clone().any(LogVerdict::fails), verdicts)
 }
 
 /// Returns the error if logs or requirements have no verdict.

@@ -4,7 +4,7 @@ use mishandle::results::{AxesAtNominal, AxisFacts, Decision, Explanation, LogExp
 use mishandle::stl::is_violated;
 use mishandle_text::{decimal, instant, plural};
 
-use super::{escape, log_verdicts, output, reasons, scenario, subject};
+use super::{escape, log_verdicts, output, reasons, scenario, subject, verdict};
 
 /// Returns the explanation, which starts with the scenario.
 pub fn text(found: &Explanation) -> String {
@@ -69,12 +69,7 @@ fn axes_at_nominal(found: &AxesAtNominal, facts: &[AxisFacts]) -> Vec<String> {
 
 /// Returns the explanation of a verdict on a log. `start` is the time of the first sample, s.
 pub fn log_text(found: &LogExplanation, start: f64) -> String {
-    let mut parts = vec![format!(
-        "{}\nformula {}\n{}",
-        log_verdicts::title(&found.verdict),
-        escape::name(&found.verdict.formula),
-        log_verdicts::text(&found.verdict)
-    )];
+    let mut parts = vec![verdict::text(&mishandle::verdict::log(&found.verdict))];
     let at = |sample: u64| log_verdicts::instant(sample as usize, start + sample as f64 * found.period);
     parts.extend(decision(&found.decision, &at));
     parts.join("\n\n")

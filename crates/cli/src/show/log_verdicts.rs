@@ -1,23 +1,22 @@
-//! Verdicts on recorded logs: as text, Markdown and JUnit.
+//! Verdicts on recorded logs as Markdown and JUnit.
 
-use mishandle::results::{LogVerdict, NoVerdict, Number};
+use mishandle::results::{LogVerdict, NoVerdict};
+use mishandle::verdict::{self, Line, log_table};
 use mishandle_text::{number_text, plural, xml_text};
 
-use super::{escape, output};
-
-/// Number of violations that the text of a verdict lists.
-const LISTED: usize = 10;
+use super::escape;
+use crate::words::shell_command;
 
 /// The outcome of a requirement on a log: a verdict, or a reason for none.
 #[derive(Clone, Copy)]
-pub enum Outcome<'a> {
+enum Outcome<'a> {
     Verdict(&'a LogVerdict),
     None(&'a NoVerdict),
 }
 
 /// Returns all outcomes: violated requirements, those without a verdict, satisfied ones. The
 /// verdicts are worst first.
-pub fn outcomes<'a>(verdicts: &'a [LogVerdict], without: &'a [NoVerdict]) -> Vec<Outcome<'a>> {
+fn outcomes<'a>(verdicts: &'a [LogVerdict], without: &'a [NoVerdict]) -> Vec<Outcome<'a>> {
     let (violated, satisfied) = verdicts.split_at(verdicts.partition_point(|verdict| verdict.violated));
     let violated = violated.iter().map(Outcome::Verdict);
     violated.chain(without.iter().map(Outcome::None)).chain(satisfied.iter().map(Outcome::Verdict)).collect()
@@ -47,8 +46,8 @@ impl<'a> Outcome<'a> {
 
     /// Names the log and the requirement.
     fn title(self) -> String {
-        let log = escape::name(self.log());
-        self.name().map_or(log.clone(), |name| format!("{log}, {}", escape::name(name)))
+        let title = self.name().map_or(self.log().to_string(), |name| format!("{}, {name}", self.log()));
+        escape::name(&title)
     }
 
     /// Returns what a reader must know beside the verdict.
@@ -69,154 +68,9 @@ impl<'a> Outcome<'a> {
     }
 }
 
-/// Returns verdicts, worst first, as text.
-pub fn verdicts(found: &[LogVerdict], has_logs: bool) -> String {
-    shown(&outcomes(found, &[]), has_logs)
-}
-
-/// Returns the outcomes as text: one as sentences, several as a table.
-pub fn shown(found: &[Outcome<'_>], has_logs: bool) -> String {
-    match found {
-        [Outcome::Verdict(only)] if !has_logs => text(only),
-        _ => table(found, has_logs),
-    }
-}
-
-/// Returns the verdict in words, with the mark of a violation that is only a warning.
-fn judgment(found: &LogVerdict) -> String {
-    if found.violated && !found.fails() {
-        format!("{} ({})", found.words(), found.severity)
-    } else {
-        found.words().to_string()
-    }
-}
-
-/// Returns the verdict as text: when the formula is violated, how long, and by which part.
-pub fn text(found: &LogVerdict) -> String {
-    let robustness = number_text(found.robustness.0 + 0.0);
-    let mut lines = vec![format!("robustness {robustness} at time 0: {}", judgment(found))];
-    lines.extend(found.asks_nothing.as_ref().map(|reason| format!("asks nothing: {}", escape::name(reason))));
-    // A part can be violated although the formula is not, where the formula has an `or`.
-    if found.violated {
-        for violation in found.violations.iter().take(LISTED) {
-            lines.push(format!("{} violated {}", escape::name(&violation.formula), interval(violation)));
-        }
-        if let Some(more) = found.violations.len().checked_sub(LISTED + 1) {
-            lines.push(format!("and {} more times", more + 1));
-        }
-    }
-    if let Some(predicate) = &found.predicate {
-        let [left, right] = predicate.values.map(|value| short(value.0));
-        let at = at(predicate.time, predicate.sample);
-        lines.push(format!(
-            "decided by {} at {at}: the sides are {left} and {right}",
-            escape::name(&predicate.formula)
-        ));
-    }
-    lines.join("\n")
-}
-
-/// Names the log and the requirement of a verdict.
-pub fn title(found: &LogVerdict) -> String {
-    Outcome::Verdict(found).title()
-}
-
 /// Names a sample and its time in seconds.
 pub fn instant(sample: usize, time: f64) -> String {
     format!("{} s (sample {sample})", short(time))
-}
-
-/// Returns the table of several outcomes.
-fn table(found: &[Outcome<'_>], has_logs: bool) -> String {
-    output::table(&rows(found, has_logs)) + &reasons(found)
-}
-
-/// Returns a line for each of the first verdicts that ask nothing.
-fn reasons(found: &[Outcome<'_>]) -> String {
-    let reason = |outcome: &Outcome<'_>| {
-        let Outcome::Verdict(LogVerdict { asks_nothing: Some(reason), .. }) = outcome else { return None };
-        Some(format!("\n{} asks nothing: {}", outcome.title(), escape::name(reason)))
-    };
-    found.iter().filter_map(reason).take(LISTED).collect()
-}
-
-fn rows(found: &[Outcome<'_>], has_logs: bool) -> Vec<Vec<String>> {
-    let has_names = found.iter().any(|outcome| outcome.name().is_some());
-    let mut rows = Vec::new();
-    let head = ["log", "requirement", "verdict", "robustness", "first violation", "in all", "formula"];
-    let is_shown = |column: usize| (column != 0 || has_logs) && (column != 1 || has_names);
-    let kept = |row: [String; 7]| {
-        row.into_iter().enumerate().filter(|(column, _)| is_shown(*column)).map(|(_, cell)| cell).collect()
-    };
-    rows.push(kept(head.map(String::from)));
-    for outcome in found {
-        let none = || "-".to_string();
-        let [verdict, robustness, first, total] = match outcome {
-            Outcome::None(_) => ["no verdict".to_string(), none(), none(), none()],
-            Outcome::Verdict(found) => {
-                let first = found.violations.first().filter(|_| found.violated);
-                [
-                    judgment(found),
-                    number_text(found.robustness.0 + 0.0),
-                    first.map_or_else(none, |violation| at(violation.start, violation.start_sample)),
-                    total(found).unwrap_or_else(none),
-                ]
-            }
-        };
-        rows.push(kept([
-            escape::name(outcome.log()),
-            escape::name(outcome.name().unwrap_or("-")),
-            verdict,
-            robustness,
-            first,
-            total,
-            escape::name(outcome.formula()),
-        ]));
-    }
-    rows
-}
-
-/// Returns the time in which a part of the formula is violated: parts may fail at the same time.
-fn total(verdict: &LogVerdict) -> Option<String> {
-    let mut spans = Vec::new();
-    for violation in &verdict.violations {
-        spans.push((violation.start?.0, violation.end?.0));
-    }
-    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut total = 0.0;
-    let mut until = f64::NEG_INFINITY;
-    for (start, end) in spans {
-        total += (end - start.max(until)).max(0.0);
-        until = until.max(end);
-    }
-    (verdict.violated && !verdict.violations.is_empty()).then(|| format!("{} s", short(total)))
-}
-
-fn interval(violation: &mishandle::results::LogViolation) -> String {
-    let worst = format!("at worst {}", number_text(violation.worst.0 + 0.0));
-    match (violation.start, violation.end, violation.duration) {
-        (Some(start), Some(end), Some(duration)) if duration.0 > 0.0 => {
-            format!("from {} s to {} s ({} s), {worst}", short(start.0), short(end.0), short(duration.0))
-        }
-        (Some(start), ..) => format!("at {} s, {worst}", short(start.0)),
-        _ => {
-            let first = violation.start_sample.unwrap_or(0);
-            let last = violation.end_sample.unwrap_or(0);
-            if first == last {
-                format!("at sample {first}, {worst}")
-            } else {
-                format!("from sample {first} to {last}, {worst}")
-            }
-        }
-    }
-}
-
-fn at(time: Option<Number>, sample: Option<u64>) -> String {
-    match (time, sample) {
-        (Some(time), _) => format!("{} s", short(time.0)),
-        (None, Some(sample)) => format!("sample {sample}"),
-        (None, None) => "-".to_string(),
-    }
 }
 
 /// Formats a number without the digits that errors of rounding leave behind.
@@ -225,14 +79,13 @@ fn short(value: f64) -> String {
 }
 
 /// Returns a Markdown table of the outcomes, then a list of their notes.
-pub fn markdown(found: &[Outcome<'_>]) -> String {
-    let rows = rows(found, true);
+pub fn markdown(verdicts: &[LogVerdict], without: &[NoVerdict]) -> String {
     let line = |cells: Vec<String>| {
-        let cells: Vec<String> = cells.iter().map(|cell| without_tags(cell)).collect();
+        let cells: Vec<String> = cells.iter().map(|cell| without_tags(&escape::name(cell))).collect();
         format!("| {} |\n", cells.join(" | "))
     };
     let mut text = String::new();
-    for (index, row) in rows.into_iter().enumerate() {
+    for (index, row) in log_table(verdicts, without, true).into_iter().enumerate() {
         let columns = row.len();
         text += &line(row);
         if index == 0 {
@@ -242,7 +95,7 @@ pub fn markdown(found: &[Outcome<'_>]) -> String {
     let note = |outcome: &Outcome<'_>, note: &str| without_tags(&format!("- {}: {note}\n", outcome.title()));
     let notes =
         |outcome: &Outcome<'_>| outcome.notes().iter().map(|text| note(outcome, text)).collect::<String>();
-    let notes: String = found.iter().map(notes).collect();
+    let notes: String = outcomes(verdicts, without).iter().map(notes).collect();
     if notes.is_empty() { text } else { format!("{text}\n{notes}") }
 }
 
@@ -264,13 +117,15 @@ fn without_tags(cell: &str) -> String {
 
 /// Returns the outcomes as a report of JUnit: a suite for each log, a case for each requirement. A
 /// case without a verdict is an error.
-pub fn junit(found: &[Outcome<'_>]) -> String {
+pub fn junit(verdicts: &[LogVerdict], without: &[NoVerdict]) -> String {
+    let found = outcomes(verdicts, without);
     let mut logs: Vec<&str> = Vec::new();
-    for outcome in found {
+    for outcome in &found {
         if !logs.contains(&outcome.log()) {
             logs.push(outcome.log());
         }
     }
+    let line = |line: &Line| format!("{} {}", line.label, escape::name(&line.text));
     let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n");
     for log in logs {
         let cases = || found.iter().filter(move |outcome| outcome.log() == log);
@@ -289,7 +144,7 @@ pub fn junit(found: &[Outcome<'_>]) -> String {
             text += &format!("    <testcase classname=\"{}\" name=\"{name}\">\n", xml_text(log));
             let mut lines = vec![case.formula().to_string()];
             if let Outcome::Verdict(found) = case {
-                lines.push(self::text(found));
+                lines.extend(verdict::log(found).lines(shell_command).iter().map(line));
             }
             lines.extend(case.notes());
             let message = xml_text(&lines.join("\n"));

@@ -46,13 +46,13 @@ pub(super) fn find(tree: &Tree<'_>, context: &Context, analysis: &Analysis, foun
     }
 }
 
-/// Returns condition and consequence of an implication; `not p or q` is one.
+/// Returns condition and consequence of an implication. `not p or q` is one; `q or not p` names what
+/// may come instead, as "the response or the end of the scope".
 fn implication(tree: &Tree<'_>, node: usize) -> Option<[usize; 2]> {
     let &[left, right] = &tree.nodes[node].operands[..] else { return None };
-    let negated = |node: usize| (tree.operator(node) == Some("not")).then(|| tree.nodes[node].operands[0]);
     match tree.operator(node)? {
         "implies" => Some([left, right]),
-        "or" => negated(left).map(|p| [p, right]).or_else(|| negated(right).map(|p| [p, left])),
+        "or" if tree.operator(left) == Some("not") => Some([tree.nodes[left].operands[0], right]),
         _ => None,
     }
 }

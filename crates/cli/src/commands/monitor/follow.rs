@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use mishandle::plan::Settings;
 use mishandle::results::{FirstViolation, MonitorChange, MonitorEvent, Number, Severity};
 use mishandle::stl::{Formula, Vacuity};
+use mishandle::verdict::LogAnswer;
 use mishandle_logs::{Answer, Follow, Following, LogError, Next, Requirement, Watch, Watched};
 use mishandle_text::plural;
 
@@ -51,6 +52,10 @@ impl Part {
 
 fn holds(watch: &Watch) -> bool {
     watch.answer(0).verdict == Some(true)
+}
+
+fn name_of(requirement: &Requirement) -> String {
+    requirement.name.clone().unwrap_or_else(|| requirement.formula.to_string())
 }
 
 /// Follows a log until the exit code is certain.
@@ -196,12 +201,13 @@ fn follow(
         if is_decided || next == Next::End || (fails && !asked.keep_going) {
             notes(&followed, samples, &follow);
             log_question::check_all(Without::requirements(without), 1)?;
-            let reasons = followed.iter().map(|found| {
-                let Requirement { name, formula, severity, .. } = found.requirement;
-                let name = name.clone().unwrap_or_else(|| formula.to_string());
-                (name, *severity, found.asks_nothing.as_deref())
+            let names: Vec<String> = followed.iter().map(|found| name_of(found.requirement)).collect();
+            let answers = followed.iter().zip(&names).map(|(found, requirement)| LogAnswer {
+                requirement,
+                severity: found.requirement.severity,
+                asks_nothing: found.asks_nothing.as_deref(),
             });
-            return log_question::status(fails, reasons);
+            return log_question::status(fails, answers);
         }
         if interrupt::requested() {
             for found in followed.iter().filter(|found| found.known.verdict.is_none()) {

@@ -12,11 +12,12 @@ use crate::show::escape;
 pub fn report(found: &Regression, times: &[Duration]) -> String {
     let seconds: f64 = times.iter().map(Duration::as_secs_f64).sum();
     let failures = found.new_failures.unwrap_or(found.fails);
+    let without_test = found.tests.iter().filter(|test| element(test) == Some("skipped")).count();
     let counts = format!(
         "tests=\"{}\" failures=\"{failures}\" errors=\"{}\" skipped=\"{}\" time=\"{seconds:.3}\"",
         found.tests.len(),
         found.errors + found.without_verdict,
-        found.fails - failures,
+        without_test,
     );
     let cases: String = found.tests.iter().zip(times).map(|(test, time)| case(test, *time)).collect();
     format!(
@@ -24,6 +25,17 @@ pub fn report(found: &Regression, times: &[Duration]) -> String {
          </testsuite>\n</testsuites>\n",
         escaped(&found.folder)
     )
+}
+
+/// Returns the element of a test that is not passed.
+fn element(test: &RegressionTest) -> Option<&'static str> {
+    match test.result {
+        RegressionResult::Error | RegressionResult::NoVerdict => Some("error"),
+        // It fails with the baseline, too, so it is not a failure of the new controller.
+        RegressionResult::Fails if test.baseline.is_some() => Some("skipped"),
+        RegressionResult::Fails | RegressionResult::NewFailure => Some("failure"),
+        RegressionResult::Passes | RegressionResult::Fixed => test.asks_nothing.as_ref().map(|_| "skipped"),
+    }
 }
 
 fn case(test: &RegressionTest, time: Duration) -> String {
@@ -34,17 +46,13 @@ fn case(test: &RegressionTest, time: Duration) -> String {
         escaped(&name),
         time.as_secs_f64()
     );
-    let Some(reason) = &test.reason else { return open + "/>\n" };
-    let element = match test.result {
-        RegressionResult::Error | RegressionResult::NoVerdict => "error",
-        // It fails with the baseline, too, so it is not a failure of the new controller.
-        RegressionResult::Fails if test.baseline.is_some() => "skipped",
-        _ => "failure",
+    let Some(element) = element(test) else { return open + "/>\n" };
+    let message = match (&test.reason, &test.asks_nothing) {
+        (Some(reason), _) if test.baseline.is_some() => format!("{}: {reason}", test.result),
+        (Some(reason), _) => reason.clone(),
+        (None, nothing) => format!("asks nothing: {}", nothing.as_deref().unwrap_or_default()),
     };
-    let message = match &test.baseline {
-        Some(_) => escaped(&format!("{}: {reason}", test.result)),
-        None => escaped(reason),
-    };
+    let message = escaped(&message);
     format!("{open}>\n      <{element} message=\"{message}\">{message}</{element}>\n    </testcase>\n")
 }
 
