@@ -10,7 +10,7 @@ use mishandle_logs::{
     Column, Evaluation, Log, LogError, NamedSamples, OpenLog, Options, Requirement, Samples, Signals, Source,
     TimeValues, Times, Topic,
 };
-use mishandle_requirements::start_traps;
+use mishandle_requirements::{certainty, start_traps};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -176,6 +176,7 @@ pub fn monitor(
     let requirement = |(name, formula): (Option<String>, Py<PyFormula>)| {
         let formula = formula.get().formula.clone();
         let traps = start_traps(&formula).iter().map(FormulaTrap::at_start).collect();
+        let certainty = certainty(&formula);
         Requirement {
             name,
             formula,
@@ -184,6 +185,7 @@ pub fn monitor(
             description: None,
             units: BTreeMap::new(),
             traps,
+            certainty,
         }
     };
     let requirements: Vec<Requirement> = formulas.into_iter().map(requirement).collect();

@@ -114,7 +114,10 @@ fn untested(answer: &Answer) -> Option<String> {
         Answer::Evaluation(_) => {
             (!answer.has_verdict()).then(|| "no conclusion: the system was not tested".to_string())
         }
-        _ if answer.is_inconclusive() => inconclusive_text(found),
+        _ if answer.is_inconclusive() => inconclusive_text(found).or_else(|| match answer {
+            Answer::Metamorphic(found) => found.open_relation(),
+            _ => None,
+        }),
         _ => None,
     }?;
     Some(without_verdict_text(found).map_or(why.clone(), |text| format!("{text}; {why}")))

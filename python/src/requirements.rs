@@ -7,8 +7,8 @@ use mishandle::results::{ExampleKind, FormulaDescription};
 use mishandle::stl::{Formula, TimeUnit};
 use mishandle_logs::{Evaluation, LogError, NamedSamples};
 use mishandle_requirements::{
-    Context, MiningQuestion, NamedTrace, ParameterRange, RequirementError, describe_formula as describe,
-    draw, find_examples, parse_with_ranges, pattern, with_values,
+    Context, MiningQuestion, NamedTrace, ParameterRange, RequirementError, add_examples,
+    describe_formula as describe, draw, parse_with_ranges, pattern, with_values,
 };
 use pyo3::prelude::*;
 
@@ -74,7 +74,7 @@ pub fn describe_formula(
             found.examples.push(with_values(example, trace, &formula.signals()));
         }
         if traces.is_empty() {
-            found.examples = find_examples(&formula, &context);
+            add_examples(&mut found, &formula, &context);
         }
         Ok(found)
     };

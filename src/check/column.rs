@@ -14,7 +14,7 @@ use super::row::{self, Row};
 use super::{CheckProgress, Watch};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Probed, Progress, ask, continue_run, of_folder};
+use crate::run::{Engine, Probed, Progress, ask, continue_run, idle_axes, of_folder};
 
 /// The runs and the cells of one controller.
 pub(super) struct Column {
@@ -106,5 +106,6 @@ fn check_run(
         requirement,
         simulations: run.counts()?.simulations,
         digest: format!("{:032x}", run.content_digest()?),
+        idle_axes: idle_axes(run)?,
     })
 }

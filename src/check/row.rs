@@ -246,15 +246,12 @@ pub(super) fn add(
         let mut has_all = true;
         for (row, column) in rows.iter_mut().zip(&columns) {
             let is_open = |column: &usize| simulation.verdicts.get(*column).copied().flatten().is_none();
-            match column {
-                Some(column) if is_open(column) => {
-                    has_all = false;
-                    if end.counts_in_rates() {
-                        row.unclear.get_or_insert_with(|| unclear(&simulation, run));
-                    }
-                }
-                Some(_) => row.one.add(&simulation),
-                None => {}
+            let Some(column) = column else { continue };
+            let is_open = is_open(column);
+            row.one.add(&simulation, !is_open);
+            has_all &= !is_open;
+            if is_open && end.counts_in_rates() {
+                row.unclear.get_or_insert_with(|| unclear(&simulation, run));
             }
         }
         count_end(&mut ends, end, has_all, 1);

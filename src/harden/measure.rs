@@ -17,6 +17,9 @@ use crate::resolve::STARTS;
 /// Standard deviation of the action noise of the measure `noise`, as in the benchmark.
 const ACTION_NOISE: f64 = 0.5;
 
+/// Number of evaluations of a controller: the fields of [`Measured`].
+pub(super) const SPACES: u64 = 3;
+
 /// Evaluations of a controller.
 pub(super) struct Measured {
     /// From random starts.

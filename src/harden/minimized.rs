@@ -20,6 +20,9 @@ const MODES: usize = 10;
 /// Largest number of simulations of a minimization.
 const BUDGET: u64 = 100;
 
+/// Largest number of simulations of all minimizations of a round.
+pub(super) const LARGEST: u64 = MODES as u64 * BUDGET;
+
 /// Returns the folder of the minimized failures of a round, a regression suite.
 pub(super) fn suite_of(folder: &Folder, round: u32) -> PathBuf {
     folder.of_round(round, "failures")

@@ -91,6 +91,23 @@ impl fmt::Display for HardenUnit {
 /// Gets the progress now and then, and can end the hardening, which a later call continues.
 pub type Watch<'w> = &'w mut (dyn FnMut(&HardenProgress) -> ControlFlow<()> + Send);
 
+/// Returns about the largest numbers of simulations and of environment steps of a hardening. Corners
+/// come besides.
+pub fn largest_cost(table: &HardenPlan) -> [u64; 2] {
+    let rounds = u64::from(table.rounds);
+    // Random scenarios have the budget of a search.
+    let searches = (table.searches.len() as u64 + 1).saturating_mul(table.budget.into());
+    let validation = measure::SPACES.saturating_mul(table.validation);
+    let round = searches.saturating_add(minimized::LARGEST).saturating_add(validation);
+    let comparison = [measure::SPACES.saturating_mul(table.episodes), table.risk, table.margin, searches];
+    let comparison = comparison.into_iter().fold(0, u64::saturating_add);
+    let simulations = validation
+        .saturating_add(rounds.saturating_mul(round))
+        // Before and after.
+        .saturating_add(comparison.saturating_mul(2));
+    [simulations, rounds.saturating_mul(table.steps)]
+}
+
 /// Returns the folder of the runs of a hardening that writes its controller to `out`.
 pub fn harden_folder(out: &Path) -> PathBuf {
     out.with_extension(FOLDER_EXTENSION)

@@ -79,5 +79,6 @@ pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use rows::recorded_episode;
 pub use units::{run_simulations, run_trial};
 pub(crate) use vacuity::{OneTrace, asks_nothing};
+pub(crate) use warnings::idle_axes;
 pub use warnings::warnings;
 pub use without_verdict::{compared_without_verdict, inconclusive_text, without_verdict_text};

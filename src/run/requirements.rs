@@ -51,13 +51,12 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
         }
         for (column, vacuity, requirement, one) in &mut found {
             requirement.started += u64::from(simulation.end != SimulationEnd::InvalidScenario);
-            let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else {
-                continue;
-            };
+            let robustness = simulation.verdicts.get(*column).copied().flatten();
+            one.add(&simulation, robustness.is_some());
+            let Some(robustness) = robustness else { continue };
             requirement.simulations += 1;
             requirement.violated += u64::from(is_violated(robustness));
             vacuity::count(&mut requirement.vacuous, &simulation, *vacuity);
-            one.add(&simulation);
             if requirement.minimum_robustness.is_none_or(|least| robustness.total_cmp(&least.0).is_lt()) {
                 requirement.minimum_robustness = Some(robustness.into());
                 requirement.trial = Some(simulation.trial);
@@ -69,7 +68,10 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
     let is_rate = header.kind == RunKind::Evaluate && has_random_rows(header);
     let with_rate = |(_, _, requirement, one): (_, _, Requirement, OneTrace)| {
         let Requirement { started, simulations, violated, .. } = requirement;
-        let reason = asks_nothing(&requirement.formula, requirement.vacuous, simulations);
+        let reason = match simulations {
+            0 if started > 0 => Some("no simulation has a verdict about it".to_string()),
+            _ => asks_nothing(&requirement.formula, requirement.vacuous, simulations),
+        };
         Requirement {
             asks_nothing: reason.or_else(|| one.reason()).filter(|_| violated == 0),
             violation_rate: is_rate.then(|| failure_rate(violated, started - simulations, started)),

@@ -1,9 +1,9 @@
 //! Formulas that hold in simulations and ask nothing of the controller.
 
-use mishandle_requirements::start_traps;
+use mishandle_requirements::{certainty, start_traps};
 use mishandle_results::{TrapSeverity, Vacuous};
 use mishandle_stl::{Formula, Vacuity, is_violated};
-use mishandle_store::{RunFile, Simulation};
+use mishandle_store::{RunFile, Simulation, SimulationEnd};
 use mishandle_text::plural;
 
 use crate::error::MishandleError;
@@ -24,10 +24,16 @@ pub(super) fn count(vacuous: &mut Vacuous, row: &Simulation, column: Option<usiz
 /// Returns why all simulations with a verdict of a formula ask nothing; `None` if one asks
 /// something, and without any.
 pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) -> Option<String> {
-    if simulations == 0 || vacuous.total() < simulations {
+    if simulations == 0 {
         return None;
     }
     let formula = Formula::parse(formula).ok()?;
+    if let Some(reason) = certainty(&formula) {
+        return Some(reason.to_string());
+    }
+    if vacuous.total() < simulations {
+        return None;
+    }
     let given = [
         (vacuous.first_sample, Vacuity::FirstSample),
         (vacuous.premise, Vacuity::Premise),
@@ -52,12 +58,16 @@ pub(crate) struct OneTrace {
 }
 
 impl OneTrace {
-    /// Adds a simulation with a verdict.
-    pub fn add(&mut self, row: &Simulation) {
+    /// Adds a simulation. One that ends without a verdict differs from the others.
+    pub fn add(&mut self, row: &Simulation, has_verdict: bool) {
+        if !has_verdict {
+            self.differs |= row.end != SimulationEnd::InvalidScenario;
+            return;
+        }
         self.simulations += 1;
         match &self.first {
             None => {
-                self.differs = row.trace_digest.is_none();
+                self.differs |= row.trace_digest.is_none();
                 self.first = Some(row.clone());
             }
             Some(first) => {
@@ -80,17 +90,16 @@ pub(super) fn of_question(run: &RunFile) -> Result<Option<String>, MishandleErro
     let header = run.header();
     let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
     let (mut vacuous, mut simulations, mut one) = (Vacuous::default(), 0, OneTrace::default());
+    let is_certain = Formula::parse(&header.formula).is_ok_and(|formula| certainty(&formula).is_some());
     for row in run.simulations() {
         let row = row?;
         if row.robustness.is_some_and(is_violated) {
             return Ok(None);
         }
-        if row.robustness.is_some() {
-            simulations += 1;
-            one.add(&row);
-        }
+        simulations += u64::from(row.robustness.is_some());
+        one.add(&row, row.robustness.is_some());
         count(&mut vacuous, &row, column);
-        if vacuous.total() < simulations && one.differs {
+        if vacuous.total() < simulations && one.differs && !is_certain {
             return Ok(None);
         }
     }

@@ -3,7 +3,6 @@
 
 use std::collections::HashMap;
 
-use mishandle_rollout::Axis;
 use mishandle_store::{RunFile, RunKind, Simulation, SimulationEnd};
 
 use crate::error::MishandleError;
@@ -21,23 +20,37 @@ const MAX_ROWS: usize = 100_000;
 /// # Errors
 /// If the run cannot be read.
 pub fn warnings(run: &RunFile) -> Result<Vec<String>, MishandleError> {
-    let header = run.header();
-    let mut kept = header.preflight.clone();
-    let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
-    let is_claimed = |index: &usize| header.preflight.contains(&without_effect(&axes[*index]));
-    let claimed: Vec<usize> = (0..axes.len()).filter(is_claimed).collect();
+    let idle = idle_axes(run)?;
+    let is_axis = claims(run);
+    let is_kept = |warning: &String| !is_axis.contains(warning) || idle.contains(warning);
+    Ok(run.header().preflight.iter().filter(|warning| is_kept(warning)).cloned().collect())
+}
+
+/// Returns the warnings about axes that change no trace, each of which is a sentence.
+///
+/// # Errors
+/// If the run cannot be read.
+pub(crate) fn idle_axes(run: &RunFile) -> Result<Vec<String>, MishandleError> {
+    let preflight = &run.header().preflight;
+    let is_claimed = |(_, claim): &(usize, &String)| preflight.contains(claim);
+    let claims = claims(run);
+    let claimed: Vec<(usize, &String)> = claims.iter().enumerate().filter(is_claimed).collect();
     if claimed.is_empty() {
-        return Ok(kept);
+        return Ok(Vec::new());
     }
-    let mut effective = axes_of_causes(run)?;
-    for index in claimed {
-        if effective.contains(&axes[index].name) || changes_traces(run, index)? {
-            effective.push(axes[index].name.clone());
-            let claim = without_effect(&axes[index]);
-            kept.retain(|warning| *warning != claim);
+    let mut idle = Vec::new();
+    let effective = axes_of_causes(run)?;
+    for (index, claim) in claimed {
+        if !effective.contains(&run.header().axes[index].name) && !changes_traces(run, index)? {
+            idle.push(claim.clone());
         }
     }
-    Ok(kept)
+    Ok(idle)
+}
+
+/// Returns the warning that each axis would have if it changed no trace.
+fn claims(run: &RunFile) -> Vec<String> {
+    run.header().axes.iter().map(|axis| without_effect(&recorded_axis(axis))).collect()
 }
 
 /// Returns the names of the axes of the causes of counterexamples.

@@ -38,6 +38,9 @@ pub fn check(found: &Check) -> Verdict {
             _ => verdict.add("open", format!("{}: {}", title(found, cell), cell.evidence)),
         }
     }
+    for sentence in found.idle_axes() {
+        verdict.add("but", sentence);
+    }
     verdict
 }
 

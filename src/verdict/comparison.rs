@@ -13,8 +13,10 @@ const SIGNIFICANT: f64 = 0.05;
 /// Returns what a comparison means.
 pub fn comparison(found: &Comparison) -> Verdict {
     let success = &found.success;
+    let runs = [&found.first, &found.second];
+    let is_open = found.new_violations == 0 && runs.iter().any(|run| run.without_verdict.is_too_large());
     let conclusion = match success.difference.value {
-        _ if !found.has_verdicts() || found.asks_nothing.is_some() => Conclusion::NoVerdict,
+        _ if is_open || !found.has_verdicts() || found.asks_nothing.is_some() => Conclusion::NoVerdict,
         Some(difference) if success.p_value < SIGNIFICANT && difference > 0.0 => Conclusion::Better,
         Some(difference) if success.p_value < SIGNIFICANT && difference < 0.0 => Conclusion::Worse,
         _ => Conclusion::NoDifference,
@@ -27,10 +29,12 @@ pub fn comparison(found: &Comparison) -> Verdict {
         0 => String::new(),
         n => format!("left out: {}, from whose scenario the target cannot start. ", plural(n, "pair")),
     };
+    let open =
+        if is_open { "too many have no verdict for a conclusion; counted as no success, " } else { "" };
     let headline = format!(
-        "{ends}{left_out}{}: {}{}",
+        "{ends}{left_out}{}: {open}{}{}",
         file_name(&found.target),
-        found.verdict,
+        found.verdict.trim_end_matches('.'),
         nothing(found.asks_nothing.as_deref())
     );
     let mut verdict = Verdict::new(conclusion, headline);

@@ -8,8 +8,8 @@ use mishandle_text::{measured, plural, sample_time};
 
 use super::axes::off_nominal;
 use super::subject::{settings, tested, varied};
-use super::{Conclusion, Verdict, repeats_text, undecided};
-use crate::resolve::{nominal_scenario, nominal_values};
+use super::{Conclusion, LUCK, Verdict, repeats_text, undecided};
+use crate::resolve::{has_scene, nominal_scenario, nominal_values};
 
 /// Largest number of axes of a counterexample that was not moved toward nominal.
 const NAMED: usize = 4;
@@ -24,14 +24,25 @@ pub(super) fn verdict(found: &Falsification) -> Verdict {
     }
 }
 
-/// Returns the trial whose counterexample is shown: one that no check of the physics removes, with
-/// the fewest axes off nominal, and of these the first. `None` without a counterexample.
+/// Returns the trial whose counterexample is shown: one that no check of the physics removes, that is
+/// not the luck of its seed, with the fewest axes off nominal, and of these the first. `None` without
+/// a counterexample.
 pub fn smallest_cause(found: &Falsification) -> Option<&Trial> {
     let falsified = found.trials.iter().filter(|trial| trial.falsified && trial.scenario.is_some());
     falsified.min_by_key(|trial| {
         let axes = trial.cause.as_ref().map_or(usize::MAX, |cause| cause.axes.len());
-        (physics(trial).is_some_and(|check| check.depends_on_solver), axes, trial.trial)
+        let depends_on_solver = physics(trial).is_some_and(|check| check.depends_on_solver);
+        (depends_on_solver, is_luck(trial), axes, trial.trial)
     })
+}
+
+/// Returns whether a failure fails with at most half of the other seeds.
+fn is_luck(trial: &Trial) -> bool {
+    match (trial.cause.as_ref().and_then(|cause| cause.other_seeds), &trial.repeats) {
+        (Some(Estimate { value: Some(rate), .. }), _) => rate <= 0.5,
+        (_, Some(repeats)) => !repeats.fails_in_most(),
+        _ => false,
+    }
 }
 
 /// Returns the check of the physics of the minimal failure, or of the counterexample.
@@ -113,7 +124,10 @@ fn cause(found: &Falsification, trial: &Trial) -> String {
         names => format!("; only exactly on the bound of {}", names.join(", ")),
     };
     match kept.len() {
-        0 => format!("none is needed: {} fails", nominal_scenario(&found.subject)),
+        0 => {
+            let seed = if is_luck(trial) { " with this seed" } else { "" };
+            format!("none is needed: {} fails{seed}", nominal_scenario(&found.subject))
+        }
         n if n == axes.len() => kept.join(", ") + &bounds,
         _ => format!("{}; all else nominal{others}{bounds}", kept.join(", ")),
     }
@@ -149,9 +163,17 @@ fn sure(found: &Falsification, trial: &Trial) -> String {
         _ if is_deterministic(found, trial) => Some("no random draw changes it (deterministic)".to_string()),
         _ => None,
     };
+    let seeds = seeds.map(|text| if is_luck(trial) { text + LUCK } else { text });
     let went_back = trial.cause.as_ref().is_some_and(|cause| cause.went_back);
     let went_back = went_back.then(|| "failures nearer to nominal depend on the solver".to_string());
-    let parts = seeds.into_iter().chain(physics(trial).map(solver_text)).chain(went_back);
+    let solver = match physics(trial) {
+        Some(check) => Some(solver_text(check)),
+        None if has_scene(&found.subject.target_kind) => {
+            Some("not simulated with another solver of the physics".to_string())
+        }
+        None => None,
+    };
+    let parts = seeds.into_iter().chain(solver).chain(went_back);
     parts.collect::<Vec<_>>().join("; ")
 }
 

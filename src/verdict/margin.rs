@@ -5,7 +5,7 @@ use mishandle_text::{measured, plural};
 
 use super::axes::off_nominal;
 use super::subject::{tested, varied};
-use super::{Conclusion, Verdict, repeats_text, undecided};
+use super::{Conclusion, LUCK, Verdict, repeats_text, undecided};
 use crate::resolve::{nominal_scenario, nominal_values};
 
 pub(super) fn verdict(found: &Margin) -> Verdict {
@@ -55,8 +55,7 @@ pub(super) fn verdict(found: &Margin) -> Verdict {
 fn fails(found: &Margin, witness: &Witness, subject: &str, end: &str) -> Verdict {
     let what = match witness.axes {
         0 => "the controller fails without a disturbance".to_string(),
-        1 => format!("a disturbance of {} on 1 axis is enough", size(witness.norms.amplitude)),
-        axes => format!("a disturbance of {} on {axes} axes is enough", size(witness.norms.amplitude)),
+        _ => format!("a disturbance of {} is enough", size(witness.norms.amplitude)),
     };
     let doubt = match &witness.repeats {
         Some(repeats) if !repeats.fails_in_most() => ", but not with most other seeds",
@@ -71,19 +70,27 @@ fn fails(found: &Margin, witness: &Witness, subject: &str, end: &str) -> Verdict
         .filter(|(axis, value)| value.is_some() && *value != axis.nominal)
         .map(|(axis, value)| off_nominal(axis, value, control_dt))
         .collect();
+    let free = off.len().saturating_sub(witness.axes as usize);
     verdict.add(
-        "cause",
+        "at",
         match off.len() {
             0 => nominal_scenario(&found.subject),
             n if n == found.subject.space_axes.len() => off.join(", "),
             _ => format!("{}; all else nominal", off.join(", ")),
         },
     );
+    if free > 0 && witness.axes > 0 {
+        let count = if witness.axes == 1 { "counts" } else { "count" };
+        let axes = witness.axes;
+        verdict.add(
+            "size",
+            format!("{axes} of these values {count}; starts, and times and durations of events, are free"),
+        );
+    }
     verdict.add(
         "sure",
         witness.repeats.as_ref().map_or(String::new(), |repeats| {
-            let luck = if repeats.fails_in_most() { "" } else { ": the failure is the luck of its seed" };
-            repeats_text(repeats) + luck
+            repeats_text(repeats) + if repeats.fails_in_most() { "" } else { LUCK }
         }),
     );
     verdict.add(

@@ -157,13 +157,10 @@ pub fn verdict(answer: &Answer) -> Option<Verdict> {
         Answer::Hardening(found) => hardening(found),
     };
     for requirement in answer.requirements() {
-        let nothing = requirement.asks_nothing.as_ref().map(|reason| format!(": {reason}"));
-        let text = format!(
-            "{}: violated in {}{}",
-            requirement.name,
-            requirement.violated_text(),
-            nothing.unwrap_or_default()
-        );
+        let nothing = requirement.asks_nothing.as_ref().filter(|_| requirement.simulations > 0);
+        let nothing = nothing.map_or(String::new(), |reason| format!(": {reason}"));
+        let violated = if requirement.simulations > 0 { "violated in " } else { "" };
+        let text = format!("{}: {violated}{}{nothing}", requirement.name, requirement.violated_text());
         verdict.add("requirement", text);
     }
     if verdict.conclusion != Conclusion::Fails && !answer.asks_nothing().is_empty() {
@@ -205,6 +202,9 @@ fn points(difference: &Estimate) -> String {
         _ => signed(value),
     }
 }
+
+/// What it means that a failure fails with at most half of the other seeds.
+const LUCK: &str = ": the failure is the luck of its seed";
 
 /// Says how often a failure fails with other seeds.
 fn repeats_text(repeats: &Repeats) -> String {

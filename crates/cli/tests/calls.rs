@@ -100,6 +100,24 @@ fn a_question_calls_the_system_for_its_rows_and_its_probes() {
     }
 }
 
+/// An axis without an effect is named once, beside the verdicts, in each form of them.
+#[test]
+fn a_check_names_the_axes_that_change_no_trace() {
+    let bench = Bench::new();
+    bench.write("hidden.py", HIDDEN);
+    bench.write("set.toml", "[[requirement]]\nname = 'R'\nformula = 'always(x <= 2)'\n");
+    let check = "check --command 'python3 hidden.py' --requirements set.toml --episodes 10 --budget 10";
+    let shown = bench::unwrapped(&bench.check(&format!("{check} --out checked"), 0));
+    let read = |name: &str| std::fs::read_to_string(bench.path(&format!("checked/{name}"))).unwrap();
+    for text in [shown, read("report.html"), read("report.md"), read("check.json")] {
+        for axis in ["push", "duration", "delay", "unread"] {
+            let is_named = [format!("axis `{axis}` changes no trace"), format!("axis `{axis}</code>")];
+            let is_named = is_named.iter().any(|claim| text.contains(claim.as_str()));
+            assert_eq!(is_named, axis == "unread", "{axis}: {text}");
+        }
+    }
+}
+
 /// The push has no effect while all other axes are away from nominal, nor while all are nominal.
 #[test]
 fn an_axis_whose_effect_another_one_hides_is_probed_further() {
@@ -134,6 +152,7 @@ fn a_check_calls_the_system_for_its_runs_and_its_counterexamples() {
     let found = bench.json(&format!("{check} --command 'python3 counted.py'"), 1);
     let runs = found["controllers"][0]["runs"].as_array().unwrap();
     let rows: u64 = runs.iter().map(|run| rows(&bench.path(run["run"].as_str().unwrap()))).sum();
-    // The random run and the search for R-1, each with its probes, and the counterexample of R-2.
-    assert_eq!((runs.len(), calls(&bench)), (2, rows + 2 * PROBES + 1));
+    // The random run with its probes, the search for R-1 with the nominal one, and the counterexample
+    // of R-2.
+    assert_eq!((runs.len(), calls(&bench)), (2, rows + PROBES + 2));
 }

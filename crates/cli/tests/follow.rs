@@ -141,6 +141,9 @@ fn lines_of_several_requirements_carry_their_names() {
         let message = text(&output.stderr);
         assert!(message.contains("requirement other") && message.contains(reason), "{message}");
         assert!(message.contains("without a verdict: 1 requirement"), "{message}");
+        // A violation comes first.
+        let failing = "--requirement 'low=always(f <= 1)' -k monitor.keep-going=true";
+        bench.check(&format!("{follow} --requirement '{other}' {failing} log.csv"), 1);
     }
     bench.refuses("monitor --follow --requirements set.toml log.csv", &["-k log.period=SECONDS"]);
     bench.refuses("monitor --follow --json --formula f>=0 log.csv", &["--json"]);

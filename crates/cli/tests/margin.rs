@@ -104,7 +104,7 @@ fn a_failure_without_a_disturbance_is_called_so() {
     let bench = Bench::new();
     let said = unwrapped(&bench.check(&format!("{CAR} --formula gap>=60 --verbose"), 1));
     assert!(said.contains("the controller fails without a disturbance, after"), "{said}");
-    assert!(said.contains("cause the nominal scenario"), "{said}");
+    assert!(said.contains(" at the nominal scenario"), "{said}");
     assert!(said.contains(": robustness -22.5,"), "{said}");
     assert!(said.contains("fails in 100 of 100 repeats") && !said.contains("luck"), "{said}");
     let found = bench.json(&format!("{CAR} --formula gap>=60 --json"), 1);

@@ -336,7 +336,7 @@ fn headers_and_numbers_in_messages_are_short_and_harmless() {
     let err = message(&bench, "monitor --formula x>0 d.csv");
     assert!(err.contains("`a\\u{202e}b\\u{1b}[31m\\nerror: c`, d"), "{err}");
     let out = text(&bench.run("monitor --formula 'always(d <= 0)' d.csv").stdout);
-    assert!(out.contains("robustness -1e300 at time 0"), "{out}");
+    assert!(out.contains("robustness -1e300"), "{out}");
     bench.write("cell.csv", &format!("d\n{}x\n", "1".repeat(300)));
     bench.write("time.csv", "time,d\n0,1\n1e300,1\n1e301,1\n");
     for arguments in [

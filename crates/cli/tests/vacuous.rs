@@ -20,7 +20,7 @@ use Truth::{Nothing, Something, Violated};
 
 const FIRST: &str = "the first sample alone satisfies it";
 
-const FORMULAS: [(&str, Truth); 14] = [
+const FORMULAS: [(&str, Truth); 15] = [
     ("gap >= 2", Nothing(FIRST)),
     ("historically(gap >= 2)", Nothing(FIRST)),
     ("gap >= 2 and speed >= 2", Nothing(FIRST)),
@@ -31,6 +31,7 @@ const FORMULAS: [(&str, Truth); 14] = [
     ("always(gap <= -60 implies eventually[0:1s](speed <= 0))", Nothing("its premise")),
     ("always(speed >= 0 implies (gap <= -60 implies speed <= 0))", Nothing("its premises do not hold")),
     ("always((gap <= -60 implies speed <= 0) and (gap <= -70 implies speed <= 0))", Nothing("its premises")),
+    ("always(gap - gap <= 2)", Nothing("it holds whatever the values of its signals are")),
     ("always(gap >= -50)", Something),
     ("always(speed >= 0 implies gap >= -50)", Something),
     ("always((gap <= -60 implies speed <= 0) and gap >= -50)", Something),
@@ -266,6 +267,23 @@ fn a_question_that_concludes_says_first_that_nothing_was_asked() {
     }
 }
 
+/// No episode of 20 s decides what happens after 30 s, and the other requirement says nothing of it.
+#[test]
+fn a_requirement_that_no_simulation_decides_is_not_met() {
+    let bench = Bench::new();
+    let named =
+        "--requirement 'A=always(gap >= -50)' --requirement 'B=always(eventually[30s:40s](gap >= 2))'";
+    let evaluate = format!("evaluate toy/car-following {named} --episodes 5 --out a.sqlite");
+    let shown = unwrapped(&bench.check(&evaluate, 2));
+    assert!(shown.starts_with("NO VERDICT"), "{shown}");
+    assert!(shown.contains("A: violated in 0 of 5") && shown.contains("B: no verdict in 5"), "{shown}");
+    bench.check("report a.sqlite --out page.html --markdown page.md", 0);
+    for page in ["page.html", "page.md"] {
+        let page = std::fs::read_to_string(bench.path(page)).unwrap();
+        assert!(page.contains("no verdict in 5"), "{page}");
+    }
+}
+
 /// A system that no scenario changes gives one simulation, whatever their number. A flag that never
 /// rises has the same robustness in all of them, and was tested nevertheless.
 #[test]
@@ -287,7 +305,7 @@ fn a_system_that_no_scenario_changes_is_no_evidence() {
             (format!("evaluate {system} {named} --episodes 5 --out e.sqlite"), code),
             (format!("falsify {system} --trials 1 --budget 5 --out f.sqlite"), code),
             (format!("risk {system} {monte_carlo} --out r.sqlite"), code),
-            (format!("margin {system} --space space --budget 20 --out m.sqlite"), code),
+            (format!("margin {system} --budget 20 --out m.sqlite"), code),
         ] {
             let output = bench.run(&question);
             let shown = unwrapped(&text(&output.stdout));

@@ -347,6 +347,8 @@ fn a_region_without_a_verdict_is_said_first_and_nothing_is_concluded_about_it() 
         }
         let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite");
         assert_eq!((code, err.contains("no conclusion")), (Some(2), true), "{end}: {err}");
+        let shown = bench.check("compare r0.sqlite r0.sqlite", 2);
+        assert!(shown.starts_with("NO VERDICT"), "{end}: {shown}");
         let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite -k max-without-verdict=0.6");
         assert_eq!(code, Some(0), "{end}: {err}");
         bench.write("r.toml", REQUIREMENTS);
@@ -390,6 +392,27 @@ fn nothing_is_concluded_about_a_region_in_which_the_simulator_crashes_or_hangs()
         let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite");
         assert_eq!((code, err.contains("no conclusion")), (Some(2), true), "{answer}: {err}");
     }
+}
+
+/// All pairs together have enough verdicts, and those of one relation have none.
+#[test]
+fn each_relation_needs_verdicts_of_its_own() {
+    let bench = bench("a >= 1.0", "{'end': 'diverged'}");
+    let relation = |name: &str, change: &str| {
+        format!("[metamorphic.relations.{name}]\nholds = 'same-verdict'\nchange = {{ {change} }}\n")
+    };
+    let plan = "target = 'process:python3 s.py'\nspace = 'scenarios'\nmax-without-verdict = 0.5\n\
+                metamorphic.pairs = 20\nmetamorphic.formula = 'always(x >= -1)'\n";
+    let small = format!("{plan}{}", relation("small", "push = '+0.0'"));
+    bench.write("plan.toml", &small);
+    let (code, _, err) = ask(&bench, "run plan.toml --out small.sqlite");
+    assert_eq!(code, Some(0), "{err}");
+    bench.write("plan.toml", &format!("{small}{}", relation("big", "a = '=1'")));
+    let (code, found, err) = ask(&bench, "run plan.toml --out both.sqlite");
+    assert_eq!(code, Some(2), "{err}");
+    assert!(err.contains("no conclusion about the relation big: 20 of its 20 pairs"), "{err}");
+    let share = found["without_verdict"]["share"].as_f64().unwrap();
+    assert!(share < 0.5, "{found}");
 }
 
 /// A violation counts, however many simulations have no verdict.

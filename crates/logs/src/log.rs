@@ -6,18 +6,19 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use mishandle_results::{Key, Remedy};
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_stl::{Formula, nearest};
 use mishandle_text::visible;
 
 use crate::cell::{Sink, Sinks, TimeColumn, TopicColumn, ValueColumn};
 use crate::csv::CsvTable;
-use crate::error::{LogError, Result, content, undecided};
+use crate::error::{LogError, Result, content, state_period, undecided};
 use crate::format;
 use crate::json_lines::{HEAD_LINES, JsonHead, JsonTable};
 use crate::numpy::NumpyTable;
 use crate::options::{Format, Missing, Options, Unit};
 use crate::place::Places;
+use crate::samples::restarts;
 use crate::stamp::{self, NanosecondColumn, TimeColumns};
 use crate::table::Table;
 use crate::times::Times;
@@ -145,12 +146,8 @@ impl OpenLog {
 
     /// Returns the name of a column that seems to have the times, if none is named `time`.
     pub fn likely_time(&self) -> Option<&str> {
-        let is_time = |name: &&String| {
-            let name = name.to_lowercase();
-            let mut words = name.split(|c: char| !c.is_alphanumeric());
-            name.contains("time") || name.contains("stamp") || words.any(|word| TIME_WORDS.contains(&word))
-        };
-        self.tables.iter().flat_map(|(_, table)| table.names()).find(is_time).map(String::as_str)
+        let names = self.tables.iter().flat_map(|(_, table)| table.names());
+        names.map(String::as_str).find(|name| is_likely_time(name))
     }
 
     /// Checks that the log has the signals of the formula, each of them once.
@@ -270,13 +267,32 @@ impl OpenLog {
         let mut topics = Vec::new();
         for (index, requested) in columns.iter().enumerate().filter(|(index, _)| is_read(*index)) {
             let mut sinks = self.sinks(index, requested)?;
+            let clock = self.unnamed_clock(index, &mut sinks);
             self.take(index).read(&mut sinks)?;
+            if let Some(name) = clock {
+                check_clock(&name, &sinks)?;
+            }
             topics.push(Topic::of(std::mem::take(&mut self.tables[index].0), sinks, requested.len())?);
         }
         if topics.iter().any(|topic| topic.places.is_empty()) {
             return Err(content("the file has a header, but no samples"));
         }
         Ok(Log { topics, likely_time })
+    }
+
+    /// Reads a column that seems to have the times of a table, last of all, where none is named and
+    /// the samples have no stated distance. Returns its name.
+    fn unnamed_clock(&self, index: usize, sinks: &mut Sinks) -> Option<String> {
+        let has_times = sinks.columns.iter().any(|(_, sink)| matches!(sink, Sink::Times(_)));
+        if has_times || self.options.period.is_some() {
+            return None;
+        }
+        let table = self.tables[index].1.as_ref();
+        let column = table.names().iter().position(|name| is_likely_time(name))?;
+        let name = table.names()[column].clone();
+        let options = Options { missing: Missing::Hold, ..self.options.clone() };
+        sinks.columns.push((column, Sink::Values(ValueColumn::new(&name, &options, table.counted()))));
+        Some(name)
     }
 
     /// Returns the columns that read these signals of a table, and its times.
@@ -410,6 +426,33 @@ impl Topic {
         columns.truncate(requested);
         Ok(Topic { name, times, columns, places: sinks.places })
     }
+}
+
+/// Returns whether the name of a column is one of times.
+fn is_likely_time(name: &str) -> bool {
+    let name = name.to_lowercase();
+    let mut words = name.split(|c: char| !c.is_alphanumeric());
+    name.contains("time") || name.contains("stamp") || words.any(|word| TIME_WORDS.contains(&word))
+}
+
+/// Checks that a column which seems to have the times, the last one that was read, does not start
+/// again: then the table would be several logs, read as one.
+fn check_clock(name: &str, sinks: &Sinks) -> Result<()> {
+    let Some((_, Sink::Values(column))) = sinks.columns.last() else { return Ok(()) };
+    // A flag such as `timeout` stays most of the time.
+    let later = column.values.windows(2).filter(|pair| pair[1] > pair[0]).count();
+    let starts = restarts(&column.values);
+    let steps = column.values.len().saturating_sub(1 + starts.len());
+    let Some(row) = starts.first().filter(|_| later >= steps).copied() else { return Ok(()) };
+    let typed = (visible(name) == name).then(|| Choice::Text(name.to_owned()));
+    Err(undecided(
+        [Remedy::set(Key::LOG_TIME, typed.unwrap_or(Choice::COLUMN)), state_period()],
+        format!(
+            "`{}` looks like the times, and starts again in {}: several runs, or no clock",
+            visible(name),
+            sinks.places.text(row)
+        ),
+    ))
 }
 
 /// Returns the error for a signal that may be a column whose name is not UTF-8.

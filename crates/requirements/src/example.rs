@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use mishandle_random::Sequence;
-use mishandle_results::{ExampleKind, FormulaExample};
+use mishandle_results::{ExampleKind, FormulaDescription, FormulaExample, FormulaTrap, TrapSeverity};
 use mishandle_stl::{Clock, Formula, Monitor, SyntaxKind, Trace, is_satisfied, is_violated};
 
 use crate::describe::Context;
@@ -59,6 +59,28 @@ pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample
         Some(with_values(drawn, &trace, &formula.signals()))
     });
     drawn.collect()
+}
+
+/// Adds traces to the description of a formula, as [`find_examples`] finds them, and a note if they
+/// only satisfy it, or only violate it.
+pub fn add_examples(found: &mut FormulaDescription, formula: &Formula, context: &Context) {
+    found.examples = find_examples(formula, context);
+    let is_satisfied = |example: &FormulaExample| is_satisfied(example.robustness.0);
+    let satisfied = found.examples.iter().filter(|example| is_satisfied(example)).count();
+    let [verb, result] = match (satisfied, found.examples.len() - satisfied) {
+        (1.., 0) => ["violates", "always holds, and asks nothing"],
+        (0, 1..) => ["satisfies", "never holds"],
+        _ => return,
+    };
+    found.traps.push(FormulaTrap {
+        name: "one-sided".to_owned(),
+        severity: TrapSeverity::Note,
+        line: None,
+        column: None,
+        formula: found.formula.clone(),
+        why: format!("a search found no trace that {verb} it; if there is none, it {result}"),
+        instead: None,
+    });
 }
 
 /// Requirements on the conditions of implications.

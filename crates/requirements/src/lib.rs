@@ -34,7 +34,7 @@ mod units;
 
 pub use describe::{Context, describe, describe_formula};
 pub use error::{RequirementError, Result};
-pub use example::find_examples;
+pub use example::{add_examples, find_examples};
 pub use file::{CheckRequest, RequirementFile, WrittenRequirement, time_unit};
 pub use lanes::{draw, with_values};
 pub use mining::{
@@ -42,5 +42,5 @@ pub use mining::{
 };
 pub use pattern::{Pattern, Shown, Slot, page as pattern_page, pattern, patterns};
 pub use template::{TEMPLATES, template};
-pub use traps::start_traps;
+pub use traps::{certainty, start_traps};
 pub use units::unit_of;

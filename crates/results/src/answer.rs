@@ -67,7 +67,15 @@ impl Answer {
     /// verdict for that, or none asks anything. An evaluation and a search say what they found.
     pub fn is_inconclusive(&self) -> bool {
         let concludes = !matches!(self, Answer::Evaluation(_) | Answer::Falsification(_));
-        let is_open = || self.without_verdict().is_too_large() || self.formula_asks_nothing().is_some();
+        let open_relation = || match self {
+            Answer::Metamorphic(found) => found.open_relation(),
+            _ => None,
+        };
+        let is_open = || {
+            self.without_verdict().is_too_large()
+                || self.formula_asks_nothing().is_some()
+                || open_relation().is_some()
+        };
         concludes && !self.is_violated() && is_open()
     }
 

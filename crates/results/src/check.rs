@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
 use crate::word::words;
@@ -113,6 +115,9 @@ pub struct CheckRun {
     pub simulations: u64,
     /// Digest of all records of the run: equal for equal simulations.
     pub digest: String,
+    /// The axes that change no trace, each in a sentence; none of a search, whose space is that of
+    /// random scenarios.
+    pub idle_axes: Vec<String>,
 }
 
 /// The verdict of a requirement for a controller.
@@ -220,6 +225,12 @@ impl CheckCell {
 }
 
 impl Check {
+    /// Returns what is to be known about axes, each sentence once.
+    pub fn idle_axes(&self) -> BTreeSet<&str> {
+        let runs = self.controllers.iter().flat_map(|controller| &controller.runs);
+        runs.flat_map(|run| &run.idle_axes).map(String::as_str).collect()
+    }
+
     /// Returns the requirement of a cell.
     pub fn requirement(&self, cell: &CheckCell) -> Option<&CheckedRequirement> {
         self.requirements.iter().find(|known| known.name == cell.requirement)

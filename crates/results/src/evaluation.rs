@@ -99,8 +99,9 @@ pub struct Control {
     pub nominal: Vec<String>,
     /// Number of simulations of the arm; 1 if all of them would be the same.
     pub simulations: u64,
-    /// Success rate of the arm over the pairs, with an interval as that of the space. As there, a
-    /// simulation without a verdict is not a success. `null` if none has a verdict.
+    /// Success rate of the arm over the pairs, with an interval as that of the space; of a single
+    /// simulation, its outcome without one. As there, a simulation without a verdict is not a
+    /// success. `null` if none has a verdict.
     pub success_rate: Estimate,
     /// Success rate in the space minus that of the arm, with Newcombe's interval for pairs; with a
     /// rule that ends the evaluation, with one that holds at any time.

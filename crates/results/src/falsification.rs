@@ -190,7 +190,13 @@ pub struct Requirement {
 impl Requirement {
     /// Returns the number of violations in words.
     pub fn violated_text(&self) -> String {
-        let mark = if self.asks_nothing.is_some() { ": asks nothing" } else { "" };
+        let mark = match (self.started - self.simulations, &self.asks_nothing) {
+            (0, Some(_)) => ": asks nothing".to_string(),
+            (0, None) => String::new(),
+            (open, _) if open == self.started => return format!("no verdict in {open}"),
+            (open, Some(_)) => format!(" ({open} without a verdict): asks nothing"),
+            (open, None) => format!(" ({open} without a verdict)"),
+        };
         format!("{} of {}{mark}", self.violated, self.started)
     }
 }

@@ -45,6 +45,21 @@ impl Metamorphic {
         self.relations.iter().any(|relation| relation.broken_rate.n > 0)
     }
 
+    /// Returns why a relation has no conclusion: too few of its pairs have two verdicts, also where
+    /// all pairs together have enough. `None` if each relation has one.
+    pub fn open_relation(&self) -> Option<String> {
+        let is_open = |relation: &&MetamorphicRelation| {
+            let share = relation.without_verdict as f64 / relation.pairs as f64;
+            relation.broken == 0 && relation.pairs > 0 && share > self.without_verdict.max_share
+        };
+        self.relations.iter().find(is_open).map(|MetamorphicRelation { name, pairs, without_verdict, .. }| {
+            format!(
+                "no conclusion about the relation {name}: {without_verdict} of its {pairs} pairs have no verdict \
+                 (max-without-verdict)"
+            )
+        })
+    }
+
     /// Returns whether a relation is broken.
     pub fn is_broken(&self) -> bool {
         self.relations.iter().any(|relation| relation.broken > 0)

@@ -3,7 +3,7 @@
 use mishandle_evaluation::{
     PairedCounts, count_end, decides_success, paired_rates, paired_rates_at_any_time,
 };
-use mishandle_results::{Control, EndCounts, PairedRates};
+use mishandle_results::{Control, EndCounts, Estimate, PairedRates};
 use mishandle_rollout::{Axis, AxisKind, Episode, Request, Scenario, Space, System};
 use mishandle_store::{MAX_TRIALS, RunFile, Simulation};
 
@@ -167,11 +167,16 @@ impl Pairs {
         let rates = if is_any_time { paired_rates_at_any_time } else { paired_rates };
         let PairedRates { first, difference, first_only, second_only, p_value, .. } =
             rates(counts, [counts.n(); 2]);
+        // One simulation has an outcome, and no rate whose interval would say more.
+        let success_rate = match (is_single, first.value) {
+            (true, Some(_)) => Estimate { value: first.value, low: None, high: None, n: 1 },
+            _ => first,
+        };
         Some(Control {
             trial: TRIAL,
             nominal: nominal.to_vec(),
             simulations: self.control.len() as u64,
-            success_rate: first,
+            success_rate,
             difference,
             fails_only_in_space: first_only,
             fails_only_in_control: second_only,
@@ -275,6 +280,15 @@ mod tests {
         let found = control(&space, &[Some(true); 100]);
         assert_eq!((found.difference.value, found.fails_only_in_space), (Some(-0.35), 35));
         assert!((found.p_value - 2.0 * 0.5_f64.powi(35)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn one_simulation_is_no_sample_of_its_pairs() {
+        let pairs = Pairs { random: vec![outcome(Some(true)); 60], control: vec![outcome(Some(true))] };
+        let found = pairs.result(&[], true, false).expect("the arm has a simulation");
+        let Estimate { value, low, high, n } = found.success_rate;
+        assert_eq!((value, low, high, n), (Some(1.0), None, None, 1));
+        assert_eq!(found.difference.n, 60);
     }
 
     #[test]

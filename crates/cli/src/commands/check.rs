@@ -91,7 +91,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::stop_on_signals(&bar)?;
     let found = check(&subjects, &requirements, &settings.check, out, &mut |progress: &CheckProgress| {
         match progress.largest {
-            Some(simulations) => output::message(&cost::text(&Cost { simulations, of_counterexample: 0 })),
+            Some(simulations) => {
+                let text = cost::text(&Cost { simulations, of_counterexample: 0 });
+                output::message(&format!("{text}, besides the probes before each run"));
+            }
             None => {
                 bar.set_part(&progress.phase, progress.all);
                 bar.set_position(progress.done);

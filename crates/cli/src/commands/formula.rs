@@ -8,7 +8,7 @@ use mishandle::plan::Settings;
 use mishandle::results::{ExampleKind, FormulaDescription, FormulaExample, TrapSeverity};
 use mishandle::stl::Formula;
 use mishandle_logs::{Evaluation, Options, Source};
-use mishandle_requirements::{Context, describe_formula, draw, find_examples, pattern, with_values};
+use mishandle_requirements::{Context, add_examples, describe_formula, draw, pattern, with_values};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::Keys;
@@ -210,7 +210,7 @@ fn describe(command: &Arguments, settings: &Settings) -> Result<(FormulaDescript
         found.examples.extend(draw_one(&formula, drawn)?);
     }
     if found.examples.is_empty() && drawn.is_empty() {
-        found.examples = find_examples(&formula, &context);
+        add_examples(&mut found, &formula, &context);
     }
     Ok((found, words))
 }

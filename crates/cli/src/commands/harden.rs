@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
+use mishandle::harden::{HardenProgress, harden, harden_folder, largest_cost, resume};
 use mishandle::plan::HardenPlan;
 use mishandle::results::Answer;
 use mishandle::run::{Device, Opening};
@@ -102,7 +102,16 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     };
     let (folder, found) = match (&command.resume, &command.out) {
         (Some(folder), _) => (folder.clone(), resume(folder, Opening::default(), gpu, &mut watch)),
-        (None, Some(out)) => (harden_folder(out), harden(&plan(command)?, out, gpu, &mut watch)),
+        (None, Some(out)) => {
+            let plan = plan(command)?;
+            if let Some(table) = &plan.harden {
+                let [simulations, steps] = largest_cost(table);
+                output::message(&format!(
+                    "at most about {simulations} simulations and {steps} environment steps of training"
+                ));
+            }
+            (harden_folder(out), harden(&plan, out, gpu, &mut watch))
+        }
         (None, None) => {
             return Err(MishandleError::MissingPlanTable { table: "harden" }).context("--out is missing");
         }

@@ -44,7 +44,7 @@ Examples:
 a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
 the pipe gives the verdict of the whole log. docs/reference/json.md has the keys of a line.
 
-Exit code 1 means that a formula is violated at time 0, 2 that a formula has no verdict on a log, or
+Exit code 1 means that a formula is violated at time 0, otherwise 2 that one has no verdict on a log, or
 asks nothing of any log: the first sample decides it, or its premise never holds. Requirements with
 the severity `warning` do not count as violated. docs/guide/logs.md describes logs,
 docs/reference/formulas.md the language of formulas."
@@ -164,8 +164,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(note) = note {
         output::message(&note);
     }
-    log_question::check_all(without, sources.len())?;
-    log_question::status_of(verdicts.iter())
+    log_question::conclude(log_question::status_of(verdicts.iter()), without, sources.len())
 }
 
 /// Explains the verdicts, worst first.
@@ -185,6 +184,5 @@ fn explain(question: &Question<'_>, is_json: bool) -> Result<ExitStatus> {
             found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
         output::styled(&texts.join("\n\n\n"))?;
     }
-    log_question::check_all(without, question.sources.len())?;
-    status
+    log_question::conclude(status, without, question.sources.len())
 }

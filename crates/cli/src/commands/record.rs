@@ -2,13 +2,14 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use mishandle::run::Cost;
 use mishandle::{Plan, ResolvedPlan};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::{self, control_flow};
 use crate::show::progress::Bar;
-use crate::show::{demonstrations, output};
+use crate::show::{cost, demonstrations, output};
 
 /// Record demonstrations of a controller as a data set for imitation learning
 #[derive(Debug, Args)]
@@ -60,8 +61,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let (plan, settings) = planned.question("evaluate")?;
     let resolved = ResolvedPlan::new(&plan)?;
-    let bar =
-        Bar::new(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes), "simulations");
+    let simulations = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    output::message(&cost::text(&Cost { simulations, of_counterexample: 0 }));
+    let bar = Bar::new(simulations, "simulations");
     run::stop_on_signals(&bar)?;
     let mut done = 0;
     let found = mishandle::record::record(&resolved, &settings.record, &command.out, |simulations| {

@@ -223,7 +223,7 @@ fn run_all(
     let open = found.runs.iter().filter(|run| run.result.is_inconclusive()).count() as u64;
     ensure!(
         open == 0,
-        "{} without a conclusion: too many simulations have no verdict (max-without-verdict)",
+        "{} without a conclusion: too many simulations have no verdict (max-without-verdict), or none asks anything",
         plural(open, "run")
     );
     Ok(ExitStatus::Done)

@@ -225,5 +225,8 @@ fn of_relations(asked: &Asked, found: &Metamorphic, form: Form) -> Result<ExitSt
     asked.report_file();
     ensure!(found.has_verdict(), "no simulation has a verdict, so nothing was tested");
     asks_something(asked)?;
-    conclude(&found.without_verdict, found.is_broken())
+    match found.open_relation().filter(|_| !found.is_broken()) {
+        Some(why) => bail!(escape::name(&why)),
+        None => conclude(&found.without_verdict, found.is_broken()),
+    }
 }

@@ -206,6 +206,21 @@ pub fn status_of<'a>(verdicts: impl Iterator<Item = &'a LogVerdict> + Clone) -> 
     status(verdicts.clone().any(LogVerdict::fails), verdicts)
 }
 
+/// Returns the exit status of a question about logs: a violation comes before what has no verdict,
+/// which is then a message.
+///
+/// # Errors
+/// If nothing is violated, and logs or requirements have no verdict, or as in `status`.
+pub fn conclude(status: Result<ExitStatus>, without: Without, logs: usize) -> Result<ExitStatus> {
+    match (status, check_all(without, logs)) {
+        (Ok(ExitStatus::Violated), Err(error)) => {
+            output::report_error(&error);
+            Ok(ExitStatus::Violated)
+        }
+        (status, checked) => checked.and(status),
+    }
+}
+
 /// Returns the error if logs or requirements have no verdict.
 pub fn check_all(without: Without, logs: usize) -> Result<()> {
     let Without { logs: missing, requirements, error, .. } = without;

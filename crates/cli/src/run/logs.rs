@@ -11,7 +11,7 @@ use mishandle::results::{FormulaTrap, LogExplanation, LogVerdict, Severity};
 use mishandle::stl::{Clock, Formula, ParseError, TimeUnit, name_hint, unquoted};
 use mishandle_logs::{Evaluation, LogError, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
 use mishandle_requirements::{
-    ParameterRange, RequirementFile, WrittenRequirement, parse_with_ranges, start_traps,
+    ParameterRange, RequirementFile, WrittenRequirement, certainty, parse_with_ranges, start_traps,
 };
 
 use crate::show::{escape, formula_error, log_verdicts, output};
@@ -84,7 +84,17 @@ pub fn parsed(written: Vec<Unparsed>, log: &[Source], options: &Options) -> Resu
             output::message(&format!("{}: {}", trap.severity, escape::name(&trap.at_start())));
         }
         let traps = traps.iter().map(FormulaTrap::at_start).collect();
-        requirements.push(Requirement { name, formula, severity, unit, description, units, traps });
+        let certainty = certainty(&formula);
+        requirements.push(Requirement {
+            name,
+            formula,
+            severity,
+            unit,
+            description,
+            units,
+            traps,
+            certainty,
+        });
     }
     let reads = |signal: &str| {
         requirements.iter().any(|found: &Requirement| found.formula.signals().contains(&signal))

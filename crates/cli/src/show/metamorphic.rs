@@ -51,7 +51,8 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
     for (run, found) in runs {
         let nothing = found.asks_nothing.as_ref().filter(|_| !found.is_broken());
         let undecided = answer::without_verdict(&found.without_verdict, "their pairs do not count");
-        for line in [answer::asks_nothing(nothing), undecided].iter().filter(|line| !line.is_empty()) {
+        let open = found.open_relation().map_or(String::new(), |why| escape::name(&why) + "\n");
+        for line in [answer::asks_nothing(nothing), undecided, open].iter().filter(|line| !line.is_empty()) {
             text.push_str(&format!("{run}: {line}"));
         }
     }
@@ -59,7 +60,10 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
     for (run, found, relation) in relations().filter(|(.., relation)| relation.broken > 0) {
         text.push_str(&format!("\n\n{run}, {}", details(found, relation)));
     }
-    if relations().all(|(.., relation)| relation.broken == 0 && relation.broken_rate.n > 0) {
+    let is_concluded =
+        runs.iter().all(|(_, found)| found.asks_nothing.is_none() && found.open_relation().is_none());
+    let is_kept = |relation: &MetamorphicRelation| relation.broken == 0 && relation.broken_rate.n > 0;
+    if is_concluded && relations().all(|(.., relation)| is_kept(relation)) {
         let is_decided = relations().all(|(.., relation)| relation.without_verdict == 0);
         text.push_str(if is_decided {
             "\n\nno pair breaks a relation; that is evidence, not a proof"

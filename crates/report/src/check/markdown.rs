@@ -88,5 +88,6 @@ fn runs(found: &Check) -> String {
             ]
         })
     });
-    table(&["controller", "hash", "run", "simulations", "digest"], 3, &runs.collect::<Vec<_>>())
+    let idle: String = found.idle_axes().iter().map(|axis| format!("\n{}\n", escaped(axis))).collect();
+    table(&["controller", "hash", "run", "simulations", "digest"], 3, &runs.collect::<Vec<_>>()) + &idle
 }

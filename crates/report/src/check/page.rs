@@ -188,6 +188,7 @@ fn runs(found: &Check) -> String {
     let head = ["controller", "simulations of", "space", "number", "run file", "digest of the records"];
     table("Controllers", &["controller", "hash of the controller", "hash of the target"], &hashes)
         + &table("Runs", &head, &rows)
+        + &found.idle_axes().iter().map(|axis| format!("<p>{}</p>\n", text(axis))).collect::<String>()
 }
 
 fn list(facts: &[(&str, String)]) -> String {

@@ -89,6 +89,21 @@ pub fn start_traps(formula: &Formula) -> Vec<FormulaTrap> {
     found.traps
 }
 
+/// Returns why a formula asks nothing of any trace; `None` if a trace may violate it.
+///
+/// # Example
+/// ```
+/// use mishandle_requirements::certainty;
+/// use mishandle_stl::Formula;
+/// assert!(certainty(&Formula::parse("always(force - force <= 2)").unwrap()).is_some());
+/// assert!(certainty(&Formula::parse("always(force <= 2)").unwrap()).is_none());
+/// ```
+pub fn certainty(formula: &Formula) -> Option<&'static str> {
+    let tree = Tree::new(formula);
+    let is_certain = ranges::analyze(&tree)?.fails.last()?.is_empty();
+    is_certain.then_some("it holds whatever the values of its signals are")
+}
+
 /// Returns the traps in a formula.
 pub(crate) fn find(tree: &Tree<'_>, context: &Context) -> Vec<FormulaTrap> {
     let mut found = Found::new(tree);

@@ -14,6 +14,21 @@ pub(super) fn find(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
     if !context.at_every_sample {
         at_start(tree, found);
     }
+    falls(tree, found);
+}
+
+/// Finds edges that the first sample has although nothing fell.
+fn falls(tree: &Tree<'_>, found: &mut Found<'_>) {
+    for node in (0..tree.nodes.len()).filter(|node| tree.operator(*node) == Some("fall")) {
+        let operand = tree.text(tree.nodes[node].operands[0]);
+        let text = tree.text(node);
+        found.note(
+            "fall-at-the-start",
+            node,
+            format!("`{text}` also holds at the first sample of a trace that begins without `{operand}`"),
+            Some(format!("prev({operand}) and not ({operand}), which fails at the first sample")),
+        );
+    }
 }
 
 /// Finds the parts that are evaluated at sample 0 only: no operator looks ahead in them.

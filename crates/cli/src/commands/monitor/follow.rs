@@ -22,31 +22,46 @@ const WAIT: Duration = Duration::from_millis(50);
 /// A requirement that is followed.
 struct Followed<'a> {
     requirement: &'a Requirement,
-    watch: Watch,
-    /// Its formula where it asks nothing, without an implication `None`.
-    vacuous: Option<Watch>,
+    whole: Demand,
     /// The operands of its `and`; empty without one.
-    parts: Vec<Part>,
+    parts: Vec<Demand>,
     /// Why it is satisfied and asks nothing.
     asks_nothing: Option<String>,
     /// The last answer that was printed.
     known: Answer,
 }
 
-/// An operand of the `and` of a requirement.
-struct Part {
+/// A formula that is followed.
+struct Demand {
     watch: Watch,
+    /// The formula where it asks nothing, without an implication `None`.
     vacuous: Option<Watch>,
     /// Whether the first sample alone satisfies it.
     is_by_first: bool,
 }
 
-impl Part {
-    /// Returns whether it is satisfied and asks nothing.
-    fn asks_nothing(&self) -> bool {
-        self.is_by_first
-            || self.watch.answer(0).bounds.low == f64::INFINITY
-            || self.vacuous.as_ref().is_some_and(holds)
+impl Demand {
+    fn push(&mut self, next: Next, samples: usize, follow: &Follow) -> Result<(), LogError> {
+        let push = |watch: &mut Watch| match next {
+            Next::Sample => watch.push(follow.sample(), follow.time()),
+            _ => watch.finish(),
+        };
+        // An error of this formula is its own.
+        self.vacuous.take_if(|watch| push(watch).is_err());
+        let pushed = push(&mut self.watch);
+        self.is_by_first |= samples == 1 && next == Next::Sample && holds(&self.watch);
+        pushed
+    }
+
+    /// Returns why it is satisfied and asks nothing.
+    fn vacuity(&self) -> Option<Vacuity> {
+        if self.watch.answer(0).bounds.low == f64::INFINITY {
+            Some(Vacuity::NoSample)
+        } else if self.is_by_first {
+            Some(Vacuity::FirstSample)
+        } else {
+            self.vacuous.as_ref().is_some_and(holds).then_some(Vacuity::Premise)
+        }
     }
 }
 
@@ -107,21 +122,19 @@ fn follow(
             let watched = [Watched { formula, unit: requirement.unit }];
             Watch::new(&watched, follow.signals(), settings.log.period, settings.log.strict_horizon)
         };
-        let nothing = |formula: &Formula| formula.vacuous().and_then(|formula| watch(formula).ok());
-        let part = |formula: Formula| {
-            let vacuous = nothing(&formula);
-            Some(Part { watch: watch(formula).ok()?, vacuous, is_by_first: false })
+        let demand = |formula: &Formula| {
+            let vacuous = formula.vacuous().and_then(|formula| watch(formula).ok());
+            Ok::<_, LogError>(Demand { watch: watch(formula.clone())?, vacuous, is_by_first: false })
         };
         let mut parts = requirement.formula.demands();
         if parts.len() < 2 {
             parts.clear();
         }
-        match watch(requirement.formula.clone()) {
-            Ok(found) => followed.push(Followed {
+        match demand(&requirement.formula) {
+            Ok(whole) => followed.push(Followed {
                 requirement,
-                watch: found,
-                vacuous: nothing(&requirement.formula),
-                parts: parts.into_iter().filter_map(part).collect(),
+                whole,
+                parts: parts.iter().filter_map(|part| demand(part).ok()).collect(),
                 asks_nothing: None,
                 known: Answer::UNKNOWN,
             }),
@@ -147,24 +160,16 @@ fn follow(
         let mut index = 0;
         while next != Next::Waiting && index < followed.len() {
             let count = followed.len();
-            let Followed { requirement, watch, vacuous, parts, asks_nothing, known } = &mut followed[index];
+            let Followed { requirement, whole, parts, asks_nothing, known } = &mut followed[index];
             if known.verdict.is_some() {
                 index += 1;
                 continue;
             }
-            let push = |watch: &mut Watch| match next {
-                Next::Sample => watch.push(follow.sample(), follow.time()),
-                _ => watch.finish(),
-            };
-            // An error of the formula is one of its own, too.
-            vacuous.take_if(|watch| push(watch).is_err());
             for part in parts.iter_mut() {
                 // A part that is decided stays so.
-                let _ = push(&mut part.watch);
-                part.vacuous.take_if(|watch| push(watch).is_err());
-                part.is_by_first |= samples == 1 && next == Next::Sample && holds(&part.watch);
+                let _ = part.push(next, samples, &follow);
             }
-            if let Err(error) = push(watch) {
+            if let Err(error) = whole.push(next, samples, &follow) {
                 if count == 1 {
                     return Err(error.into());
                 }
@@ -174,23 +179,22 @@ fn follow(
                 continue;
             }
             index += 1;
-            let answer = watch.answer(0);
+            let answer = whole.watch.answer(0);
             let event = match answer.verdict {
                 Some(_) => event,
                 None if asked.bounds && answer.bounds != known.bounds => MonitorEvent::Bounds,
                 None => continue,
             };
             known.clone_from(answer);
-            let vacuity = match answer.verdict {
-                Some(true) if answer.bounds.low == f64::INFINITY => Some(Vacuity::NoSample),
-                Some(true) if samples == 1 && next == Next::Sample => Some(Vacuity::FirstSample),
-                Some(true) if vacuous.as_ref().is_some_and(holds) => Some(Vacuity::Premise),
-                Some(true) if !parts.is_empty() && parts.iter().all(Part::asks_nothing) => {
-                    Some(Vacuity::Parts)
-                }
-                _ => None,
+            let all =
+                |parts: &[Demand]| !parts.is_empty() && parts.iter().all(|part| part.vacuity().is_some());
+            let vacuity = (answer.verdict == Some(true))
+                .then(|| whole.vacuity().or_else(|| all(parts).then_some(Vacuity::Parts)))
+                .flatten();
+            *asks_nothing = match requirement.certainty.filter(|_| answer.verdict == Some(true)) {
+                Some(reason) => Some(reason.to_string()),
+                None => vacuity.map(|found| found.reason(&requirement.formula)),
             };
-            *asks_nothing = vacuity.map(|found| found.reason(&requirement.formula));
             output::json_line(&change(event, requirement, answer, asks_nothing.clone(), samples, &follow))?;
         }
         let is_violated = |found: &Followed<'_>| {
@@ -200,18 +204,18 @@ fn follow(
         let is_decided = followed.iter().all(|found| found.known.verdict.is_some());
         if is_decided || next == Next::End || (fails && !asked.keep_going) {
             notes(&followed, samples, &follow);
-            log_question::check_all(Without::requirements(without), 1)?;
             let names: Vec<String> = followed.iter().map(|found| name_of(found.requirement)).collect();
             let answers = followed.iter().zip(&names).map(|(found, requirement)| LogAnswer {
                 requirement,
                 severity: found.requirement.severity,
                 asks_nothing: found.asks_nothing.as_deref(),
             });
-            return log_question::status(fails, answers);
+            let status = log_question::status(fails, answers);
+            return log_question::conclude(status, Without::requirements(without), 1);
         }
         if interrupt::requested() {
             for found in followed.iter().filter(|found| found.known.verdict.is_none()) {
-                let answer = found.watch.answer(0);
+                let answer = found.whole.watch.answer(0);
                 output::json_line(&change(
                     MonitorEvent::Interrupted,
                     found.requirement,
