@@ -1,8 +1,8 @@
 //! The findings of a search.
 
 use mishandle_results::{
-    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, SolverChange, Trial,
-    Violation,
+    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, Repeats, SolverChange,
+    Trial, Violation,
 };
 use mishandle_text::{measured, plural, sample_time};
 
@@ -136,22 +136,33 @@ fn since(violation: &Violation, found: &Falsification) -> String {
     }
 }
 
-/// Says whether other seeds and another solver give the failure, too.
 fn sure(found: &Falsification, trial: &Trial) -> String {
-    let seeds = match (&trial.cause, &trial.repeats) {
+    let Trial { cause, repeats, .. } = trial;
+    sureness(cause.as_ref(), repeats.as_ref(), physics(trial), is_deterministic(found, trial))
+}
+
+/// Says whether other seeds and another solver give a failure, too. `repeats` are those of the
+/// failure that was found, from which the minimal one of `cause` was moved.
+pub fn sureness(
+    cause: Option<&Cause>,
+    repeats: Option<&Repeats>,
+    physics: Option<&PhysicsCheck>,
+    is_deterministic: bool,
+) -> String {
+    let seeds = match (cause, repeats) {
         (Some(Cause { other_seeds: Some(Estimate { value: Some(rate), n, .. }), .. }), _) => {
             Some(format!("fails in {:.0} of {n} repeats with other seeds", rate * *n as f64))
         }
         (_, Some(repeats)) => {
-            let which = if trial.cause.is_some() { "the counterexample fails" } else { "fails" };
+            let which = if cause.is_some() { "the counterexample fails" } else { "fails" };
             Some(repeats_text(repeats).replacen("fails", which, 1))
         }
-        _ if is_deterministic(found, trial) => Some("no random draw changes it (deterministic)".to_string()),
+        _ if is_deterministic => Some("no random draw changes it (deterministic)".to_string()),
         _ => None,
     };
-    let went_back = trial.cause.as_ref().is_some_and(|cause| cause.went_back);
+    let went_back = cause.is_some_and(|cause| cause.went_back);
     let went_back = went_back.then(|| "failures nearer to nominal depend on the solver".to_string());
-    let parts = seeds.into_iter().chain(physics(trial).map(solver_text)).chain(went_back);
+    let parts = seeds.into_iter().chain(physics.map(solver_text)).chain(went_back);
     parts.collect::<Vec<_>>().join("; ")
 }
 

@@ -49,7 +49,7 @@ fn an_interrupted_page_goes_on_to_the_same_page() {
             report.keep_in(folder.path().join("run.sqlite.report"));
         }
         let mut left = calls;
-        let samples = Samples { probes: 8, sensitivity: 0 };
+        let samples = Samples { probes: 8, sensitivity: 0, repeats: 0 };
         let end = report.measure(&run, None, samples, |_, _| {
             left = left.saturating_sub(1);
             if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
@@ -59,6 +59,10 @@ fn an_interrupted_page_goes_on_to_the_same_page() {
     assert_eq!(measured(true, 20).0, Measurement::Interrupted);
     let (end, html) = measured(true, u64::MAX);
     assert_eq!(end, Measurement::Done);
-    assert_eq!(html, measured(false, u64::MAX).1);
+    let (before, rest) = html.split_once("<li>").unwrap();
+    let (note, after) = rest.split_once("</li>").unwrap();
+    assert!(note.contains("simulations of this page were kept in a file beside the run"), "{note}");
+    let without = format!("{before}{after}").replace("<ul class=\"notes\"></ul>\n", "");
+    assert_eq!(without, measured(false, u64::MAX).1);
     assert!(html.contains("random scenarios of the whole space"), "the maps have scenarios of the page");
 }
