@@ -84,7 +84,7 @@ pub fn bisection_report(py: Python<'_>, document: &str, call: &str) -> PyResult<
         serde_json::from_str(document).map_err(|error| InvalidValueError::new_err(error.to_string()))?;
     let violated = |neighbors: [&BisectedCandidate; 2]| match samples {
         None => Some(ViolatedCounterexamples::skipped(neighbors[1], NOT_SIMULATED)),
-        Some(_) => ViolatedCounterexamples::simulate(neighbors, || false),
+        Some(_) => ViolatedCounterexamples::simulate(neighbors, false, || false),
     };
     py.detach(|| {
         let read = |path: &Path| -> Result<_, Error> {

@@ -59,7 +59,7 @@ pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyRes
     let page = || {
         let runs = (RunFile::open(first)?, RunFile::open(second)?);
         let found = mishandle::inspect::compare(&runs.0, &runs.1, shell_command)?;
-        let flipped = FlippedPairs::simulate(&found, [&runs.0, &runs.1], || false);
+        let flipped = FlippedPairs::simulate(&found, [&runs.0, &runs.1], false, || false);
         mishandle_report::comparison_page(&found, [&runs.0, &runs.1], &flipped)
     };
     py.detach(page).map_err(|error: MishandleError| raised(error))

@@ -78,7 +78,7 @@ pub fn hardening_report(py: Python<'_>, folder: PathBuf, call: &str) -> PyResult
         });
         let failures = match samples {
             None => HardenedModes::skipped(NOT_SIMULATED),
-            Some(_) => HardenedModes::simulate(&folder, &found, || false).unwrap_or_default(),
+            Some(_) => HardenedModes::simulate(&folder, &found, false, || false).unwrap_or_default(),
         };
         Ok(hardening_page(&found, &failures, &reports.collect::<Result<Vec<_>, _>>()?, None, shell_command))
     };

@@ -173,8 +173,8 @@ impl PyRun {
 
 /// Returns how much a page simulates by the settings of a call; `None`: nothing.
 pub(crate) fn samples_of(call: &str) -> PyResult<Option<Samples>> {
-    let ReportSettings { simulations, probes, sensitivity, .. } = settings(call)?.report;
-    Ok(simulations.then_some(Samples { probes, sensitivity }))
+    let ReportSettings { simulations, probes, sensitivity, repeats, .. } = settings(call)?.report;
+    Ok(simulations.then_some(Samples { probes, sensitivity, repeats }))
 }
 
 /// Returns the report of a run. Without `samples`, nothing is simulated.

@@ -122,6 +122,8 @@ plan_table! {
         /// Random scenarios that measure the total effect of each axis on the robustness (Sobol
         /// index); each is simulated twice and once more for each axis. 0 skips this.
         pub sensitivity: u32 = 0, SCENARIOS => Within<0, 1_000_000>;
+        /// Whether a page has 3-D replays, which a script in it draws.
+        pub replay: bool = false, keys::BOOLEAN;
     }
 }
 

@@ -1,8 +1,8 @@
 //! The findings of a search.
 
 use mishandle_results::{
-    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, SolverChange, Trial,
-    Violation,
+    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, Repeats, SolverChange,
+    Trial, Violation,
 };
 use mishandle_text::{measured, plural, sample_time};
 
@@ -32,13 +32,14 @@ pub fn smallest_cause(found: &Falsification) -> Option<&Trial> {
     falsified.min_by_key(|trial| {
         let axes = trial.cause.as_ref().map_or(usize::MAX, |cause| cause.axes.len());
         let depends_on_solver = physics(trial).is_some_and(|check| check.depends_on_solver);
-        (depends_on_solver, is_luck(trial), axes, trial.trial)
+        let is_luck = is_luck(trial.cause.as_ref(), trial.repeats.as_ref());
+        (depends_on_solver, is_luck, axes, trial.trial)
     })
 }
 
 /// Returns whether a failure fails with at most half of the other seeds.
-fn is_luck(trial: &Trial) -> bool {
-    match (trial.cause.as_ref().and_then(|cause| cause.other_seeds), &trial.repeats) {
+fn is_luck(cause: Option<&Cause>, repeats: Option<&Repeats>) -> bool {
+    match (cause.and_then(|cause| cause.other_seeds), repeats) {
         (Some(Estimate { value: Some(rate), .. }), _) => rate <= 0.5,
         (_, Some(repeats)) => !repeats.fails_in_most(),
         _ => false,
@@ -125,7 +126,8 @@ fn cause(found: &Falsification, trial: &Trial) -> String {
     };
     match kept.len() {
         0 => {
-            let seed = if is_luck(trial) { " with this seed" } else { "" };
+            let is_luck = is_luck(Some(cause), trial.repeats.as_ref());
+            let seed = if is_luck { " with this seed" } else { "" };
             format!("none is needed: {} fails{seed}", nominal_scenario(&found.subject))
         }
         n if n == axes.len() => kept.join(", ") + &bounds,
@@ -150,30 +152,39 @@ fn since(violation: &Violation, found: &Falsification) -> String {
     }
 }
 
-/// Says whether other seeds and another solver give the failure, too.
 fn sure(found: &Falsification, trial: &Trial) -> String {
-    let seeds = match (&trial.cause, &trial.repeats) {
+    let Trial { cause, repeats, .. } = trial;
+    let physics = physics(trial);
+    let is_open = physics.is_none() && has_scene(&found.subject.target_kind);
+    let open = is_open.then(|| "not simulated with another solver of the physics".to_string());
+    let known = sureness(cause.as_ref(), repeats.as_ref(), physics, is_deterministic(found, trial));
+    let parts = Some(known).filter(|text| !text.is_empty()).into_iter().chain(open);
+    parts.collect::<Vec<_>>().join("; ")
+}
+
+/// Says whether other seeds and another solver give a failure, too. `repeats` are those of the
+/// failure that was found, from which the minimal one of `cause` was moved.
+pub fn sureness(
+    cause: Option<&Cause>,
+    repeats: Option<&Repeats>,
+    physics: Option<&PhysicsCheck>,
+    is_deterministic: bool,
+) -> String {
+    let seeds = match (cause, repeats) {
         (Some(Cause { other_seeds: Some(Estimate { value: Some(rate), n, .. }), .. }), _) => {
             Some(format!("fails in {:.0} of {n} repeats with other seeds", rate * *n as f64))
         }
         (_, Some(repeats)) => {
-            let which = if trial.cause.is_some() { "the counterexample fails" } else { "fails" };
+            let which = if cause.is_some() { "the counterexample fails" } else { "fails" };
             Some(repeats_text(repeats).replacen("fails", which, 1))
         }
-        _ if is_deterministic(found, trial) => Some("no random draw changes it (deterministic)".to_string()),
+        _ if is_deterministic => Some("no random draw changes it (deterministic)".to_string()),
         _ => None,
     };
-    let seeds = seeds.map(|text| if is_luck(trial) { text + LUCK } else { text });
-    let went_back = trial.cause.as_ref().is_some_and(|cause| cause.went_back);
+    let seeds = seeds.map(|text| if is_luck(cause, repeats) { text + LUCK } else { text });
+    let went_back = cause.is_some_and(|cause| cause.went_back);
     let went_back = went_back.then(|| "failures nearer to nominal depend on the solver".to_string());
-    let solver = match physics(trial) {
-        Some(check) => Some(solver_text(check)),
-        None if has_scene(&found.subject.target_kind) => {
-            Some("not simulated with another solver of the physics".to_string())
-        }
-        None => None,
-    };
-    let parts = seeds.into_iter().chain(solver).chain(went_back);
+    let parts = seeds.into_iter().chain(physics.map(solver_text)).chain(went_back);
     parts.collect::<Vec<_>>().join("; ")
 }
 

@@ -24,7 +24,7 @@ use crate::run::without_verdict_text;
 pub use axes::{axis_text, axis_value, value_text};
 pub use check::check;
 pub use comparison::comparison;
-pub use falsification::smallest_cause;
+pub use falsification::{smallest_cause, sureness};
 pub use hardening::hardening;
 pub use margin::category_names;
 pub use monitor::{LogAnswer, log, log_table, log_title, monitor, untested};

@@ -17,6 +17,7 @@ mod evidence_law;
 mod evidence_limits;
 mod exact;
 mod explain;
+mod firefox;
 mod follow;
 mod formula;
 #[path = "../../interchange/tests/graph/mod.rs"]

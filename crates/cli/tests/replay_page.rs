@@ -1,5 +1,6 @@
-//! Opens pages with a 3-D replay in headless Chromium, which draws them without a graphics card.
-//! Without Chromium, the tests say so and end. The screenshots are in `target/tmp/report`.
+//! Opens pages with a 3-D replay in Chromium, and the long tests also in Firefox; both draw them
+//! without a graphics card. The tests say which browser is missing. The screenshots are in
+//! `target/tmp/report`.
 
 #![expect(clippy::print_stdout, reason = "times and shares are measured, not asserted")]
 
@@ -8,7 +9,8 @@ use std::time::Instant;
 
 use crate::bench::{Bench, text};
 use crate::cart_pole;
-use crate::report_browser::{Browser, start};
+use crate::firefox::Firefox;
+use crate::report_browser::{Window, start};
 use crate::run::SETTINGS;
 use mishandle::camera::{
     Camera, Effects, Form, NO_SHAPE, Optics, Output, Pose, Scene, Shape, Size, StateRenderer, StateShot,
@@ -42,7 +44,7 @@ fn page(bench: &Bench, target: &str, name: &str) -> PathBuf {
 }
 
 /// Opens a page and waits until it shows its first simulation.
-fn open(browser: &mut Browser, page: &std::path::Path, size: [u32; 2], theme: &str) {
+fn open(browser: &mut dyn Window, page: &std::path::Path, size: [u32; 2], theme: &str) {
     let problems = browser.open(page, size, theme);
     assert!(problems.is_empty(), "{}: {problems:?}", page.display());
     assert_eq!(browser.wait(READY), true, "{}", page.display());
@@ -56,26 +58,42 @@ fn numbers(value: &Value) -> Vec<f64> {
 #[ignore = "long"]
 fn poses_and_shapes_of_the_page_are_those_of_mujoco_and_of_the_ray_caster() {
     let bench = Bench::new();
-    let Some((mut browser, folder)) = start(&bench) else { return };
+    let chromium = start(&bench).map(|(browser, _)| Box::new(browser) as Box<dyn Window>);
+    let firefox = Firefox::start(&bench).map(|browser| Box::new(browser) as Box<dyn Window>);
+    let named = [("chromium", chromium), ("firefox", firefox)].into_iter();
+    let mut browsers: Vec<(&str, Box<dyn Window>)> =
+        named.filter_map(|(name, browser)| Some((name, browser?))).collect();
+    if browsers.is_empty() {
+        return;
+    }
     let tasks = bench.json("list tasks --json", 0);
     for task in tasks["tasks"].as_array().unwrap() {
         let name = task["name"].as_str().unwrap();
         let page = page(&bench, &format!("{name} --controller expert"), name);
-        let started = Instant::now();
-        open(&mut browser, &page, [1200, 900], "light");
         let size = std::fs::metadata(&page).unwrap().len() / 1000;
-        println!("{name}: loaded in {:.2} s, {size} kB", started.elapsed().as_secs_f64());
         let path = bench.path(&format!("{name}.sqlite"));
         let scene = recorded_scene(&path, Some(1), Some(1), Moved::default(), false).unwrap();
         let last = scene.episodes[0].states.len() - 1;
-        for sample in [0, last / 4, last / 2, 3 * last / 4, last] {
-            check_poses(&mut |script| browser.evaluate(script), &scene, name, sample);
+        for (program, browser) in &mut browsers {
+            let started = Instant::now();
+            open(&mut **browser, &page, [1200, 900], "light");
+            println!("{name}, {program}: loaded in {:.2} s, {size} kB", started.elapsed().as_secs_f64());
+            for sample in [0, last / 4, last / 2, 3 * last / 4, last] {
+                check_poses(&mut |script| browser.evaluate(script), &scene, name, sample);
+            }
+            for sample in [0, last / 2] {
+                check_picture(&mut **browser, &scene, name, sample);
+            }
+            browser.screenshot(&screenshots().join(format!("replay-{name}-{program}.png")));
         }
-        for sample in [0, last / 2] {
-            check_picture(&mut browser, &scene, name, sample);
-        }
-        browser.screenshot(&folder.join(format!("replay-{name}.png")));
     }
+}
+
+/// Returns the folder of the screenshots.
+fn screenshots() -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("report");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
 }
 
 /// Compares the poses of all bodies, and the vertices of cloths, with MuJoCo's.
@@ -123,7 +141,7 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Compares which body is at each pixel with the picture of our own ray caster from the same place.
-fn check_picture(browser: &mut Browser, scene: &RecordedScene, task: &str, sample: usize) {
+fn check_picture(browser: &mut dyn Window, scene: &RecordedScene, task: &str, sample: usize) {
     let [width, height] = PICTURE;
     let script = format!(
         "(() => {{ const {{ replay }} = document.querySelector('.replay'); const {{ bodies, cloths }} = replay.scene;
@@ -181,7 +199,7 @@ fn check_picture(browser: &mut Browser, scene: &RecordedScene, task: &str, sampl
 }
 
 /// A script that presses a key on the picture.
-fn press(browser: &mut Browser, key: &str, has_shift: bool) {
+fn press(browser: &mut dyn Window, key: &str, has_shift: bool) {
     let event = json!({ "key": key, "shiftKey": has_shift, "bubbles": true, "cancelable": true });
     browser.evaluate(&format!(
         "document.querySelector('.replay canvas').dispatchEvent(new KeyboardEvent('keydown', {event}))"
@@ -199,8 +217,13 @@ const TIMES: &str = "(() => { const { replay } = document.querySelector('.replay
 fn one_cursor_is_in_all_charts_and_keys_and_pointer_move_it() {
     let bench = Bench::new();
     let Some((mut browser, _)) = start(&bench) else { return };
-    let page = page(&bench, "ball-balancing --controller ppo --space delay", "delay");
-    open(&mut browser, &page, [1200, 900], "light");
+    check_time(&bench, &mut browser);
+}
+
+/// Checks that the time is the same everywhere, and that keys and pointer move it.
+fn check_time(bench: &Bench, browser: &mut dyn Window) {
+    let page = page(bench, "ball-balancing --controller ppo --space delay", "delay");
+    open(browser, &page, [1200, 900], "light");
     let scene =
         recorded_scene(&bench.path("delay.sqlite"), Some(1), Some(1), Moved::default(), false).unwrap();
     let trace = &scene.episodes[0].episode.trace;
@@ -221,17 +244,17 @@ fn one_cursor_is_in_all_charts_and_keys_and_pointer_move_it() {
         }
         assert!(compared > 2, "{found}");
     };
-    press(&mut browser, "Home", false);
+    press(browser, "Home", false);
     agree(&browser.evaluate(TIMES), 0.0);
     for _ in 0..3 {
-        press(&mut browser, "ArrowRight", false);
+        press(browser, "ArrowRight", false);
     }
-    press(&mut browser, "ArrowLeft", false);
+    press(browser, "ArrowLeft", false);
     agree(&browser.evaluate(TIMES), 2.0);
-    press(&mut browser, "End", false);
+    press(browser, "End", false);
     let end = browser.evaluate(TIMES);
     agree(&end, end["last"].as_f64().unwrap());
-    press(&mut browser, "ArrowLeft", true);
+    press(browser, "ArrowLeft", true);
     assert_ne!(browser.evaluate(TIMES)["yaw"], end["yaw"]);
     browser.evaluate(
         "(() => { const area = document.querySelector('.replay-plot'); area.setPointerCapture = () => {};
@@ -239,9 +262,9 @@ fn one_cursor_is_in_all_charts_and_keys_and_pointer_move_it() {
         area.dispatchEvent(new PointerEvent('pointerdown', { clientX: left + width / 2, clientY: top + 5, bubbles: true })) })()",
     );
     agree(&browser.evaluate(TIMES), end["last"].as_f64().unwrap() / 2.0);
-    press(&mut browser, " ", false);
+    press(browser, " ", false);
     assert_eq!(browser.evaluate(TIMES)["isPlaying"], true);
-    press(&mut browser, " ", false);
+    press(browser, " ", false);
     assert_eq!(browser.evaluate(TIMES)["isPlaying"], false);
 }
 
@@ -262,14 +285,19 @@ const OVERLAPS: &str = "(() => { const parts = [...document.querySelectorAll('.r
 #[test]
 fn a_report_with_a_replay_fits_on_a_phone_in_both_themes_and_its_marks_open_simulations() {
     let bench = Bench::new();
-    let Some((mut browser, folder)) = start(&bench) else { return };
+    let Some((mut browser, _)) = start(&bench) else { return };
+    check_layout(&bench, &mut browser, "chromium");
+}
+
+/// Checks a page at two widths in both themes, its marks and its slider.
+fn check_layout(bench: &Bench, browser: &mut dyn Window, program: &str) {
     let falsify =
         "falsify ball-balancing --controller ppo --space delay --trials 3 --seed 1 --out run.sqlite";
     bench.check(falsify, 1);
     bench.check("report run.sqlite --interactive --out run.html -k report.probes=0", 0);
     let page = bench.path("run.html");
     for (theme, width) in [("light", 1200), ("dark", 1200), ("light", 390), ("dark", 390)] {
-        open(&mut browser, &page, [width, 900], theme);
+        open(browser, &page, [width, 900], theme);
         let found = browser.evaluate(OVERLAPS);
         let what = format!("{theme}, {width} px: {found}");
         assert!(found["count"].as_u64() > Some(15), "{what}");
@@ -278,7 +306,7 @@ fn a_report_with_a_replay_fits_on_a_phone_in_both_themes_and_its_marks_open_simu
             (&json!(0), &json!([]), &json!([])),
             "{what}"
         );
-        browser.screenshot(&folder.join(format!("replay-{theme}-{width}.png")));
+        browser.screenshot(&screenshots().join(format!("replay-{theme}-{width}-{program}.png")));
     }
     let rows = "document.querySelector('.replay').replay.scene.simulations.map(simulation => simulation.row)";
     let rows = browser.evaluate(rows);
@@ -299,6 +327,15 @@ fn a_report_with_a_replay_fits_on_a_phone_in_both_themes_and_its_marks_open_simu
     );
     assert!(flips[0].as_u64() > Some(2), "{flips}");
     assert_eq!((&flips[1], &flips[2]), (&json!(false), &json!(true)));
+}
+
+#[test]
+#[ignore = "long"]
+fn firefox_has_the_same_cursor_keys_and_layout() {
+    let bench = Bench::new();
+    let Some(mut browser) = Firefox::start(&bench) else { return };
+    check_time(&bench, &mut browser);
+    check_layout(&bench, &mut browser, "firefox");
 }
 
 #[test]

@@ -17,7 +17,31 @@ use serde_json::{Value, json};
 /// Names under which Chromium is installed.
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
-/// A browser that is controlled over a pair of pipes.
+/// A window of a browser.
+pub trait Window {
+    /// Opens a file in a window of this size, and returns what went wrong on the way.
+    fn open(&mut self, path: &Path, size: [u32; 2], theme: &str) -> Vec<String>;
+
+    /// Evaluates a script, and returns its value.
+    fn evaluate(&mut self, script: &str) -> Value;
+
+    /// Evaluates a script that returns a promise, and returns its value.
+    fn wait(&mut self, script: &str) -> Value;
+
+    /// Takes a picture of the whole page.
+    fn screenshot(&mut self, file: &Path);
+}
+
+/// Writes the bytes that a text stands for.
+pub fn write_base64(text: &str, file: &Path) {
+    let mut decoder = Command::new("base64");
+    decoder.arg("-d").stdin(Stdio::piped()).stdout(File::create(file).unwrap());
+    let mut decoder = decoder.spawn().unwrap();
+    decoder.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+    decoder.wait().unwrap();
+}
+
+/// Chromium, controlled over a pair of pipes.
 pub struct Browser {
     child: Child,
     commands: File,
@@ -86,22 +110,22 @@ impl Browser {
         assert_eq!(bytes.pop(), Some(0), "the browser ended");
         serde_json::from_slice(&bytes).unwrap()
     }
+}
 
-    pub fn evaluate(&mut self, script: &str) -> Value {
+impl Window for Browser {
+    fn evaluate(&mut self, script: &str) -> Value {
         let result =
             self.call("Runtime.evaluate", json!({ "expression": script, "returnByValue": true }))["result"]
                 .clone();
         result["value"].clone()
     }
 
-    /// Evaluates a script that returns a promise, and returns its value.
-    pub fn wait(&mut self, script: &str) -> Value {
+    fn wait(&mut self, script: &str) -> Value {
         let how = json!({ "expression": script, "returnByValue": true, "awaitPromise": true });
         self.call("Runtime.evaluate", how)["result"]["value"].clone()
     }
 
-    /// Opens a file in a window of this size, and returns what went wrong on the way.
-    pub fn open(&mut self, path: &Path, [width, height]: [u32; 2], theme: &str) -> Vec<String> {
+    fn open(&mut self, path: &Path, [width, height]: [u32; 2], theme: &str) -> Vec<String> {
         self.call(
             "Emulation.setDeviceMetricsOverride",
             json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false }),
@@ -132,15 +156,10 @@ impl Browser {
         self.events.iter().filter_map(problem).collect()
     }
 
-    pub fn screenshot(&mut self, file: &Path) {
+    fn screenshot(&mut self, file: &Path) {
         let shot =
             self.call("Page.captureScreenshot", json!({ "captureBeyondViewport": true, "format": "png" }));
-        let text = shot["data"].as_str().unwrap();
-        let mut decoder = Command::new("base64");
-        decoder.arg("-d").stdin(Stdio::piped()).stdout(File::create(file).unwrap());
-        let mut decoder = decoder.spawn().unwrap();
-        decoder.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
-        decoder.wait().unwrap();
+        write_base64(shot["data"].as_str().unwrap(), file);
     }
 }
 

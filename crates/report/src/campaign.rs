@@ -349,5 +349,5 @@ fn headline(runs: &[RunSummary], hardenings: &[HardeningSummary]) -> String {
 pub fn run_page(report: &RunReport, up: &str) -> String {
     let title = words::subject(report);
     let up = Some((up, "all runs"));
-    Document { title: &title, up, body: &section::section(report, 1) }.html_of(std::slice::from_ref(report))
+    Document { title: &title, up, body: &section::section(report, 1) }.html()
 }

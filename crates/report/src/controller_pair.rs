@@ -1,6 +1,7 @@
 //! A scenario that was simulated with two controllers, of which at least one fails: what both do,
 //! why, and a picture of the same instant.
 
+use mishandle::MishandleError;
 use mishandle::inspect::ExplainedSimulation;
 use mishandle::picture::ExampleSimulation;
 use mishandle::stl::is_violated;
@@ -9,6 +10,7 @@ use mishandle_text::instant;
 
 use crate::html::{base64, short, text, with_code, with_unit};
 use crate::pictures::{Frame, Instant, PICTURE, PictureError, instants};
+use crate::replay::Replay;
 
 /// Words for one of the two controllers.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +28,8 @@ pub struct ControllerPair {
     /// The controller that fails.
     failing: usize,
     outcomes: Vec<Outcome>,
+    /// The 3-D replay of the one that fails, with the other one as its ghost.
+    replay: Option<Replay>,
 }
 
 /// The simulation of a controller in the scenario of a failure.
@@ -39,12 +43,15 @@ struct Outcome {
 }
 
 impl ControllerPair {
-    /// Draws the same instant of both simulations. Also returns why there is no picture.
+    /// Draws the same instant of both simulations, and records a 3-D replay if it `has_replay`.
+    /// Also returns why there is no picture.
     pub fn draw(
         simulated: [ExampleSimulation; 2],
         names: [ControllerName; 2],
         failing: usize,
+        has_replay: bool,
     ) -> (ControllerPair, Option<PictureError>) {
+        let replay = if has_replay { replay(&simulated, names, failing) } else { Ok(None) };
         let mut outcomes = Vec::new();
         let mut states = Vec::new();
         for ExampleSimulation { episode, trajectory, explained } in simulated {
@@ -89,7 +96,11 @@ impl ControllerPair {
             }
             Err(error) => Some(error),
         };
-        (ControllerPair { names, failing, outcomes }, missing)
+        let (replay, missing) = match replay {
+            Ok(replay) => (replay, missing),
+            Err(error) => (None, missing.or(Some(error.into()))),
+        };
+        (ControllerPair { names, failing, outcomes, replay }, missing)
     }
 
     /// Returns the time of a control step, s.
@@ -98,11 +109,21 @@ impl ControllerPair {
         headers.map(|(header, _)| header.control_dt).next().unwrap_or(0.0)
     }
 
-    /// Returns the pictures side by side, and why one of the controllers fails.
-    pub fn wide(&self) -> String {
+    /// Returns the scene, and why one of the controllers fails. `id` is the name of the replay on
+    /// the page; without one, pictures take its place.
+    pub fn wide(&self, id: Option<&str>) -> String {
+        format!("{}<ul class=\"why\">{}</ul>\n", self.scene(id), self.why())
+    }
+
+    /// Returns the replay or the pictures side by side.
+    fn scene(&self, id: Option<&str>) -> String {
         let both = self.outcomes.iter().zip(self.names);
         let pictures: String = both.map(|(outcome, name)| outcome.figure(name)).collect();
-        format!("<div class=\"lead-pair\">{pictures}</div>\n<ul class=\"why\">{}</ul>\n", self.why())
+        let pictures = format!("<div class=\"lead-pair\">{pictures}</div>\n");
+        match self.replay.as_ref().zip(id) {
+            Some((replay, id)) => replay.html(id, &pictures),
+            None => pictures,
+        }
     }
 
     /// Says why the failing controller fails, as items of a list.
@@ -113,12 +134,13 @@ impl ControllerPair {
         sentences.iter().map(|sentence| format!("<li>{}</li>", with_code(sentence))).collect()
     }
 
-    /// Returns the pair as HTML, before the table of its scenario.
-    pub fn html(&self, scenario: &str) -> String {
+    /// Returns the pair as HTML, before the table of its scenario. `id` is as for
+    /// [`wide`](Self::wide).
+    pub fn html(&self, scenario: &str, id: Option<&str>) -> String {
         let both = || self.outcomes.iter().zip(self.names);
-        let pictures: String = both().map(|(outcome, name)| outcome.figure(name)).collect();
         let mut out = format!(
-            "<div class=\"lead-pair\">{pictures}</div>\n<div class=\"facts-and-trace\">\n<div>{scenario}</div>\n<div><ul class=\"why\">"
+            "{}<div class=\"facts-and-trace\">\n<div>{scenario}</div>\n<div><ul class=\"why\">",
+            self.scene(id)
         );
         for (outcome, name) in both() {
             out.push_str(&format!("<li><b>{}</b>: {}.</li>", name.label, outcome.words()));
@@ -127,6 +149,17 @@ impl ControllerPair {
         let why = self.why();
         out + &format!("</ul>\n<h5>Why {controller} fails</h5>\n<ul class=\"why\">{why}</ul></div>\n</div>\n")
     }
+}
+
+/// Returns the replay of the simulation that fails, with the other one as its ghost.
+fn replay(
+    simulated: &[ExampleSimulation; 2],
+    names: [ControllerName; 2],
+    failing: usize,
+) -> Result<Option<Replay>, MishandleError> {
+    let Some((header, _)) = &simulated[failing].explained else { return Ok(None) };
+    let order = [failing, 1 - failing];
+    Replay::of_pair(header, order.map(|index| names[index].label), order.map(|index| &simulated[index]))
 }
 
 impl Outcome {

@@ -37,11 +37,13 @@ struct Card {
 
 impl FlippedPairs {
     /// Simulates the clearest new and fixed failures with both controllers of a comparison, and
-    /// draws them: those with the lowest robustness. A target without a scene has none. Ends early
-    /// if `is_interrupted`. If a simulation cannot be run, the page says so.
+    /// draws them, in 3-D if they `have_replays`: those with the lowest robustness. A target
+    /// without a scene has none. Ends early if `is_interrupted`. If a simulation cannot be run, the
+    /// page says so.
     pub fn simulate(
         found: &Comparison,
         runs: [&RunFile; 2],
+        have_replays: bool,
         mut is_interrupted: impl FnMut() -> bool,
     ) -> FlippedPairs {
         let mut pairs = FlippedPairs::default();
@@ -62,7 +64,7 @@ impl FlippedPairs {
                 if is_interrupted() {
                     return pairs;
                 }
-                match card(pair, failing, runs, &axes) {
+                match card(pair, failing, runs, &axes, have_replays) {
                     Ok(card) => pairs.cards.push(card),
                     Err(error) => {
                         let note = format!("A pair has no pictures: {}.", error.with_causes());
@@ -76,10 +78,11 @@ impl FlippedPairs {
 
     /// Returns the pairs as HTML; empty without one.
     pub(crate) fn html(&self) -> String {
-        let card = |Card { heading, pair }: &Card| {
-            format!("<article class=\"mode\">\n<h4>{heading}</h4>\n{}</article>\n", pair.wide())
+        let card = |(number, Card { heading, pair }): (usize, &Card)| {
+            let scene = pair.wide(Some(&format!("pair{number}")));
+            format!("<article class=\"mode\">\n<h4>{heading}</h4>\n{scene}</article>\n")
         };
-        let cards: String = self.cards.iter().map(card).collect();
+        let cards: String = (1..).zip(&self.cards).map(card).collect();
         let notes = self.notes.iter().map(|note| format!("<p class=\"notes\">{}</p>\n", text(note)));
         let out = cards + &notes.collect::<String>();
         if out.is_empty() { out } else { format!("<h3>Pairs that flipped</h3>\n{out}") }
@@ -91,6 +94,7 @@ fn card(
     failing: usize,
     runs: [&RunFile; 2],
     axes: &[Axis],
+    has_replay: bool,
 ) -> Result<Card, MishandleError> {
     let simulate = |run: &RunFile| {
         let resolved = recorded_plan(run.header(), None)?;
@@ -98,7 +102,7 @@ fn card(
         ExampleSimulation::new(&resolved, &Request::new(scenario, Seed(pair.seed.0)))
     };
     let [first, second] = runs.map(simulate);
-    let (drawn, missing) = ControllerPair::draw([first?, second?], CONTROLLERS, failing);
+    let (drawn, missing) = ControllerPair::draw([first?, second?], CONTROLLERS, failing, has_replay);
     let missing =
         missing.map_or(String::new(), |error| format!(" (no pictures: {})", text(&error.to_string())));
     let scenario: Vec<Option<f64>> = pair.scenario.values().copied().collect();

@@ -58,23 +58,25 @@ impl HardenedModes {
     }
 
     /// Simulates a failure of each mode, of at most six, with both controllers of a finished
-    /// hardening, and draws them. Returns `None` if `is_interrupted`, which is called before each
-    /// mode.
+    /// hardening, and draws them, in 3-D if they `have_replays`. Returns `None` if
+    /// `is_interrupted`, which is called before each mode.
     ///
     /// If a file of the folder is missing or differs, or a simulation cannot be run, the page says
     /// so.
     pub fn simulate(
         folder: &Path,
         found: &Hardening,
+        have_replays: bool,
         mut is_interrupted: impl FnMut() -> bool,
     ) -> Option<HardenedModes> {
-        let drawn = HardenedModes::drawn(folder, found, &mut is_interrupted);
+        let drawn = HardenedModes::drawn(folder, found, have_replays, &mut is_interrupted);
         drawn.unwrap_or_else(|error| Some(HardenedModes::skipped(&error.with_causes())))
     }
 
     fn drawn(
         folder: &Path,
         found: &Hardening,
+        have_replays: bool,
         is_interrupted: &mut dyn FnMut() -> bool,
     ) -> Result<Option<HardenedModes>, MishandleError> {
         let mut modes = HardenedModes::default();
@@ -84,8 +86,9 @@ impl HardenedModes {
                 return Ok(None);
             }
             let controller = &examples.controllers()[mode.failing()];
-            let (card, missing) =
-                card(mode, examples.example(mode)?, controller.space.axes(), &controller.plan.controller);
+            let example = examples.example(mode)?;
+            let axes = controller.space.axes();
+            let (card, missing) = card(mode, example, axes, &controller.plan.controller, have_replays);
             modes.cards.push(card);
             let note = missing.map(|error| format!("There are no pictures of the failures: {error}."));
             modes.notes.extend(note.filter(|note| !modes.notes.contains(note)));
@@ -95,15 +98,24 @@ impl HardenedModes {
 
     /// Returns a failure with both controllers side by side: one that vanished, if there is one.
     pub(crate) fn lead(&self) -> String {
-        let vanished = self.cards.iter().find(|card| card.mode.change == ModeChange::Vanished);
-        let Some(card) = vanished.or(self.cards.first()) else { return String::new() };
+        let Some(card) = self.cards.get(self.lead_index()) else { return String::new() };
         let with = values(&card.axes, card.scenario.values(), card.pair.control_dt());
-        format!("<p class=\"lead\">The same scenario before and after: {with}.</p>\n{}", card.pair.wide())
+        let scene = card.pair.wide(Some("hardened"));
+        format!("<p class=\"lead\">The same scenario before and after: {with}.</p>\n{scene}")
+    }
+
+    fn lead_index(&self) -> usize {
+        self.cards.iter().position(|card| card.mode.change == ModeChange::Vanished).unwrap_or(0)
     }
 
     /// Returns the modes as HTML.
     pub(crate) fn html(&self, found: &Hardening, words: Words) -> String {
-        let mut out: String = self.cards.iter().map(|card| card.html(found, words)).collect();
+        let card = |(index, card): (usize, &Card)| {
+            // The first one has its replay at the top of the page.
+            let id = (index != self.lead_index()).then(|| format!("mode{index}"));
+            card.html(found, words, id.as_deref())
+        };
+        let mut out: String = self.cards.iter().enumerate().map(card).collect();
         let left_out = found.modes.len().saturating_sub(self.cards.len());
         if left_out > 0 && !self.cards.is_empty() {
             out.push_str(&format!(
@@ -146,9 +158,10 @@ fn card(
     ModeExample { source, simulated }: ModeExample,
     axes: &[Axis],
     controller: &str,
+    has_replay: bool,
 ) -> (Card, Option<PictureError>) {
     let scenario = simulated[0].episode.request.scenario.clone();
-    let (pair, missing) = ControllerPair::draw(simulated, CONTROLLERS, mode.failing());
+    let (pair, missing) = ControllerPair::draw(simulated, CONTROLLERS, mode.failing(), has_replay);
     let mode = mode.clone();
     let axes = axes.to_vec();
     let controller = controller.to_string();
@@ -156,7 +169,7 @@ fn card(
 }
 
 impl Card {
-    fn html(&self, found: &Hardening, words: Words) -> String {
+    fn html(&self, found: &Hardening, words: Words, id: Option<&str>) -> String {
         let mode = &self.mode;
         let predicate = match mode.predicate.as_str() {
             "" => "the whole formula".to_string(),
@@ -173,7 +186,7 @@ impl Card {
             plural(mode.before, "failure"),
             mode.after,
             self.source_text(),
-            self.pair.html(&self.scenario_table())
+            self.pair.html(&self.scenario_table(), id)
         );
         out + &self.commands(found, words) + "</article>\n"
     }

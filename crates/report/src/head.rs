@@ -1,26 +1,33 @@
 //! The first screen of a run: what breaks, when, how little is enough, and how sure that is, with
 //! the minimal failure beside the nominal simulation.
 
-use mishandle::falsification::physics_text;
-use mishandle::inspect::{ExplainedSimulation, MinimalFailure};
+use mishandle::inspect::ExplainedSimulation;
 use mishandle::results::Answer;
 use mishandle::rollout::Axis;
 use mishandle::stl::is_violated;
+use mishandle::verdict::{Fact, sureness, verdict};
 use mishandle_text::{instant, plural};
 
 use crate::html::{base64, number, percent, short, text, with_unit};
 use crate::load::{Lead, RunReport};
 use crate::pictures::PICTURE;
 use crate::space::value_text;
-use crate::{tables, trace, words};
+use crate::{trace, words};
 
 /// Largest number of axes that a sentence names.
 const NAMED: usize = 3;
 
+/// Facts of a verdict that the sentences and tables of the page have.
+const STATED: [&str; 3] = ["cause", "since", "requirement"];
+
+/// Texts of facts are cut to this length.
+const FACT: usize = 600;
+
 /// Returns the first screen. `id` is the number of the run on the page.
 pub fn section(report: &RunReport, id: usize) -> String {
     let Some(lead) = report.lead() else {
-        return format!("<h2>{}</h2>\n<p>{}</p>\n", words::headline(report), sentences(report));
+        let heading = format!("<h2>{}</h2>\n", words::headline(report));
+        return heading + &paragraph(&sentences(report)) + &facts(report, None, id);
     };
     let fails = fails(lead.explained);
     let is_search = matches!(report.answer, Some(Answer::Falsification(_)));
@@ -40,20 +47,26 @@ pub fn section(report: &RunReport, id: usize) -> String {
         let found = report.answer.as_ref().map(Answer::without_verdict);
         out.push_str(&found.map_or(String::new(), words::without_verdict));
     }
-    out.push_str(&format!("</p>\n{}", pair(report, lead.explained)));
+    let pair = pair(report, lead.explained);
+    let scene = report.replay.as_ref().map_or(pair.clone(), |replay| replay.html(&format!("r{id}"), &pair));
+    out.push_str(&format!("</p>\n{scene}"));
     if !fails && is_search {
-        out.push_str(&format!("<p>{}</p>\n", sentences(report)));
+        out.push_str(&paragraph(&sentences(report)));
     }
     let nominal = report.measured.as_ref().and_then(|measured| measured.lead.nominal.as_ref());
     let mut charts = trace::figures(&report.header, lead.explained, nominal, report.samples()).into_iter();
-    let (first, sure) = (charts.next().unwrap_or_default(), sure(report, &lead, id));
-    out.push_str(&format!("<div class=\"facts-and-trace\"><div>{sure}</div><div>{first}</div></div>\n"));
+    let (first, facts) = (charts.next().unwrap_or_default(), facts(report, Some(&lead), id));
+    out.push_str(&format!("<div class=\"facts-and-trace\"><div>{facts}</div><div>{first}</div></div>\n"));
     let others: String = charts.collect();
     if others.is_empty() { out } else { out + &format!("<div class=\"grid\">{others}</div>\n") }
 }
 
 fn sentences(report: &RunReport) -> String {
     words::meaning(report).join(" ")
+}
+
+fn paragraph(sentences: &str) -> String {
+    if sentences.is_empty() { String::new() } else { format!("<p>{sentences}</p>\n") }
 }
 
 fn fails(explained: &ExplainedSimulation) -> bool {
@@ -135,7 +148,7 @@ fn what_happens(report: &RunReport, lead: &Lead<'_>) -> String {
             format!("Decisive is {at}: {values}.")
         });
     }
-    let is_alone = minimal.is_some_and(|minimal| minimal.axes.len() < report.axes.len());
+    let is_alone = minimal.is_some_and(|minimal| (1..report.axes.len()).contains(&minimal.axes.len()));
     if is_alone && fails(explained) {
         out.push_str(" All else is nominal.");
     }
@@ -176,65 +189,48 @@ fn pair(report: &RunReport, explained: &ExplainedSimulation) -> String {
     if figures.is_empty() { figures } else { format!("<div class=\"lead-pair\">{figures}</div>\n") }
 }
 
-/// Says how sure the failure is, how many ways there are, and how much of the space fails.
-fn sure(report: &RunReport, lead: &Lead<'_>, id: usize) -> String {
-    let mut lines: Vec<[String; 2]> = Vec::new();
-    let physics = lead.minimal.and_then(|minimal| minimal.cause.physics.as_ref());
-    let seeds = lead.minimal.and_then(seeds);
-    let is_random = report.measured.as_ref().is_some_and(|measured| measured.noise.is_some());
-    let mut sure: Vec<String> = seeds.into_iter().collect();
-    if report.measured.is_some() && !is_random && fails(lead.explained) {
-        sure.push("no random draw changes it".to_string());
-    }
-    sure.extend(physics.map(|check| {
-        if check.depends_on_solver {
-            text(&physics_text(check))
-        } else {
-            format!(
-                "it remains under {} of the physics solver",
-                plural(check.simulations.len() as u64, "change")
-            )
+/// Returns the facts of the verdict that no sentence above has, how sure a failure is, and how much
+/// of the space fails.
+fn facts(report: &RunReport, lead: Option<&Lead<'_>>, id: usize) -> String {
+    let verdict = report.answer.as_ref().and_then(verdict);
+    let found = verdict.iter().flat_map(|verdict| &verdict.facts);
+    let new = found.filter(|fact| !STATED.contains(&fact.label));
+    let has_ways = !report.modes.modes.is_empty();
+    let line = |fact: &Fact| {
+        let found = text(&short(&fact.text, FACT));
+        match fact.label {
+            "ways" if has_ways => [fact.label.to_string(), format!("<a href=\"#r{id}-modes\">{found}</a>")],
+            label => [label.to_string(), found],
         }
-    }));
-    if !sure.is_empty() {
-        lines.push(["Sure".to_string(), sure.join("; ")]);
+    };
+    let mut lines: Vec<[String; 2]> = new.map(line).collect();
+    let failing = lead.filter(|lead| fails(lead.explained));
+    if let Some(lead) = failing.filter(|_| !has(&lines, "sure")) {
+        let cause = lead.minimal.map(|minimal| &minimal.cause);
+        let is_deterministic = report.measured.as_ref().is_some_and(|measured| measured.noise.is_none());
+        let physics = cause.and_then(|cause| cause.physics.as_ref());
+        let sure = sureness(cause, None, physics, is_deterministic);
+        lines.extend((!sure.is_empty()).then(|| ["sure".to_string(), text(&sure)]));
     }
-    let modes = &report.modes.modes;
-    if modes.len() > 1 || (!modes.is_empty() && report.lead.is_none()) {
-        let way = |(index, mode): (usize, &mishandle::inspect::FailureMode)| {
-            let with = report.representatives.get(index).map(|found| cause(report, found));
-            format!(
-                "<a href=\"#{}\">{}</a> ({} of {})",
-                tables::mode_id(id, index),
-                with.unwrap_or_else(|| format!("mode {}", index + 1)),
-                mode.failures.len(),
-                report.modes.failures
-            )
-        };
-        let shown = report.representatives.len();
-        let mut ways: Vec<String> = modes.iter().take(shown).enumerate().map(way).collect();
-        if modes.len() > shown {
-            ways.push(format!("{} more", modes.len() - shown));
-        }
-        lines.push([plural(modes.len() as u64, "way"), ways.join("; ")]);
+    let modes = report.modes.modes.len();
+    if modes > 1 && !has(&lines, "ways") {
+        let ways = plural(modes as u64, "failure mode");
+        lines.push(["ways".to_string(), format!("<a href=\"#r{id}-modes\">{ways}</a>")]);
     }
     let random = report.measured.as_ref().map_or(&[][..], |measured| &measured.scenarios);
     if !random.is_empty() && report.axis_rates().is_none() {
         let failing = random.iter().filter(|point| point.fails()).count();
         let share = percent(failing as f64 / random.len() as f64);
         lines.push([
-            "How often".to_string(),
+            "how often".to_string(),
             format!("{failing} of {} random simulations of the space fail ({share})", random.len()),
         ]);
     }
-    let row = |[name, value]: &[String; 2]| format!("<div><dt>{name}</dt><dd>{value}.</dd></div>\n");
+    let row = |[name, value]: &[String; 2]| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n");
     let rows: String = lines.iter().map(row).collect();
     if rows.is_empty() { rows } else { format!("<dl class=\"facts\">{rows}</dl>\n") }
 }
 
-/// Says how often the minimal failure fails with other seeds.
-fn seeds(minimal: &MinimalFailure) -> Option<String> {
-    let rate = minimal.cause.other_seeds.as_ref()?;
-    let failing = (rate.value? * rate.n as f64).round();
-    Some(format!("with other random seeds it fails in {} of {} repeats", number(failing), rate.n))
+fn has(lines: &[[String; 2]], label: &str) -> bool {
+    lines.iter().any(|[name, _]| name == label)
 }

@@ -8,7 +8,7 @@ use mishandle::inspect::{
     mode_survey,
 };
 use mishandle::portable::portable_plan;
-use mishandle::results::{Answer, AxisRates, Requirement, Words};
+use mishandle::results::{Answer, AxisRates, Falsification, Requirement, Words};
 use mishandle::rollout::{Axis, Episode};
 use mishandle::run::{needs_target, recorded_answer, recorded_axis, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
@@ -156,6 +156,15 @@ impl<'a> Lead<'a> {
     }
 }
 
+/// Returns the minimal counterexample that the verdict of a falsification names.
+pub fn smallest_failure(
+    run: &RunFile,
+    found: &Falsification,
+) -> Result<Option<MinimalFailure>, MishandleError> {
+    let smallest = smallest_cause(found).filter(|trial| trial.cause.is_some());
+    Ok(smallest.map(|trial| MinimalFailure::recorded(run, trial.trial)).transpose()?.flatten())
+}
+
 impl RunReport {
     /// Reads the facts of a run. `path` is its name on the page and in the commands that the page
     /// shows, which `words` states.
@@ -224,11 +233,10 @@ impl RunReport {
             _ => None,
         };
         let witness = witness.map(|witness| explain(run, WITNESS_TRIAL, witness.simulation, None));
-        let smallest = match &answer {
-            Some(Answer::Falsification(found)) => smallest_cause(found).filter(|trial| trial.cause.is_some()),
+        let lead = match &answer {
+            Some(Answer::Falsification(found)) => smallest_failure(run, found)?,
             _ => None,
         };
-        let lead = smallest.map(|trial| MinimalFailure::recorded(run, trial.trial)).transpose()?.flatten();
         let mut robustness = Vec::new();
         let mut points = Vec::new();
         let mut index = 0_u64;

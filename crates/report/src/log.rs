@@ -259,6 +259,7 @@ fn charts(
             window: None,
             violated: visible_spans(violated, range),
             decisive: decided.map(|decided| instant(decided.time, decided.sample)),
+            is_failure: false,
             caption: if decided.is_some() { DECIDED } else { VIOLATED },
         };
         chart.figure(|side| samples.curve(side, evaluation).ok(), |_| None, unit)

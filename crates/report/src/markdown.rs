@@ -2,6 +2,7 @@
 //! the values of the axes.
 
 use mishandle::results::{AxisRates, Requirement};
+use mishandle::verdict::verdict;
 use mishandle_text::p_value_phrase;
 
 use crate::axis_rates::{axis_label, interval, pairs_sentence, range_text, rate, sentence};
@@ -28,6 +29,15 @@ fn run(report: &RunReport) -> String {
         code(&header.formula),
         words::meaning(report).iter().map(|sentence| plain(sentence)).collect::<Vec<_>>().join(" ")
     );
+    let verdict = report.answer.as_ref().and_then(verdict);
+    let facts = verdict.iter().flat_map(|verdict| &verdict.facts);
+    let facts: Vec<String> = facts
+        .filter(|fact| fact.label != "requirement")
+        .map(|fact| format!("- {}: {}\n", fact.label, escaped(&fact.text)))
+        .collect();
+    if !facts.is_empty() {
+        out.push_str(&(facts.concat() + "\n"));
+    }
     let row = |found: &Requirement| {
         let least = found.minimum_robustness.map_or("–".to_string(), |least| number(least.0));
         vec![escaped(&found.name), code(&found.formula), found.violated_text(), least]

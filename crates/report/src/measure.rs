@@ -6,15 +6,16 @@ use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, failure_rate};
 use mishandle::falsification::{PhysicsChecks, Repeated, measure_noise, repeat, repeat_seeds};
-use mishandle::inspect::{ExplainedSimulation, FailureMode, MinimalFailure, explain_recorded};
-use mishandle::results::{self, Noise, PhysicsCheck};
+use mishandle::inspect::{ExplainedSimulation, FailureMode, MinimalFailure, explain_recorded, further};
+use mishandle::plan::ReportSettings;
+use mishandle::results::{self, Answer, Noise, PhysicsCheck};
 use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
 use mishandle::run::{KeptSimulations, has_random_rows};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
-use crate::load::{MAX_MODES, Point};
+use crate::load::{MAX_MODES, Point, smallest_failure};
 use crate::pictures::{self, LeadPictures, Painter, PictureError, Pictures};
 use crate::sensitivity::{self, Sensitivity};
 
@@ -27,6 +28,9 @@ const NOISE: (u64, u64) = (Repeated::NOISE_SCENARIOS, Repeated::Noise.simulation
 /// Number of failures between a found one and the minimal one, which the total of the progress
 /// assumes.
 const WAY: u64 = 8;
+
+/// Says where simulations come from that were not simulated for this page.
+const KEPT: &str = "were kept in a file beside the run, from a page that was written or interrupted before";
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
@@ -60,6 +64,9 @@ pub struct Samples {
     /// Scenarios that measure the total effects of the axes, each simulated twice and once more for
     /// each axis; 0 skips them.
     pub sensitivity: u32,
+    /// Simulations of each counterexample of a random target with other seeds, as in the answer of
+    /// a falsification; 0 skips them.
+    pub repeats: u32,
 }
 
 /// How the simulations of a report ended.
@@ -175,7 +182,7 @@ impl RunReport {
         samples: Samples,
         watch: &mut dyn FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
-        let Samples { probes, sensitivity } = samples;
+        let Samples { probes, sensitivity, .. } = samples;
         let settings =
             format!("{} {} {probes} {sensitivity}", self.counts.simulations, self.counts.falsified);
         let kept = self.kept.as_deref().map(|path| KeptSimulations::open(resolved, path, settings));
@@ -211,6 +218,9 @@ impl RunReport {
             + mapped
             + sensitivity::simulations(&resolved.space, sensitivity)
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
+        let mut watch_answer = |done, all| watch(done, all + total);
+        let before = self.complete_answer(run, resolved, samples.repeats, &mut watch_answer)?;
+        let watch = &mut |done: u64, all: u64| watch(before + done, before + all);
         if watch(0, total).is_break() {
             return Ok(Measurement::Interrupted);
         }
@@ -318,6 +328,11 @@ impl RunReport {
         }
         drop(system);
         if let Some(kept) = kept {
+            let answered = kept.answered();
+            if answered > 0 {
+                let simulations = mishandle_text::plural(answered, "simulation");
+                self.notes.push(format!("{simulations} of this page {KEPT}."));
+            }
             kept.close()?;
         }
         let witness = self.witness.as_slice();
@@ -350,6 +365,36 @@ impl RunReport {
         }
         self.measured = Some(measured);
         Ok(Measurement::Done)
+    }
+}
+
+impl RunReport {
+    /// Adds to the answer of a falsification what the terminal has: checks of the physics, repeats
+    /// with other seeds, and facts of the target. The page then begins with the same failure.
+    /// Returns the largest number of simulations of these parts.
+    fn complete_answer(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        repeats: u32,
+        watch: &mut dyn FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<u64, MishandleError> {
+        let Some(answer) = &mut self.answer else { return Ok(0) };
+        let mut before = 0;
+        let mut part = None;
+        let settings = ReportSettings { repeats, ..ReportSettings::default() };
+        further(resolved, answer, &settings, |of, done, all| {
+            if let Some((_, ended)) = part.filter(|(known, _)| *known != of) {
+                before += ended;
+            }
+            part = Some((of, all));
+            watch(before + done, before + all)
+        })?;
+        if let Answer::Falsification(found) = answer {
+            found.subject.offered = resolved.subject().offered;
+            self.lead = smallest_failure(run, found)?;
+        }
+        Ok(before + part.map_or(0, |(_, all)| all))
     }
 }
 

@@ -17,19 +17,19 @@ pub fn page(reports: &[RunReport]) -> String {
     let sections: String = (1..).zip(reports).map(|(id, report)| section::section(report, id)).collect();
     let overview = if reports.len() > 1 { overview(reports) } else { String::new() };
     let body = format!("{overview}{sections}");
-    Document { title: &title, up: None, body: &body }.html_of(reports)
+    Document { title: &title, up: None, body: &body }.html()
 }
 
 /// Returns the page of the replay of one simulation: one HTML file with a script, which loads
 /// nothing.
 pub fn replay_page(report: &RunReport) -> String {
-    let replay = report.replay.as_ref().map_or(String::new(), |replay| replay.html(1));
+    let replay = report.replay.as_ref().map_or(String::new(), |replay| replay.html("r1", ""));
     let requirement = section::requirement(&report.header);
     let title = words::subject(report);
     let body = format!(
         "<section class=\"run\" id=\"r1\">\n<h2>{title}</h2>\n<p class=\"requirement\">{requirement}</p>\n{replay}</section>\n"
     );
-    Document { title: &title, up: None, body: &body }.interactive_html()
+    Document { title: &title, up: None, body: &body }.html()
 }
 
 /// A page in the style of all pages, with both themes. Its texts are HTML.
@@ -44,22 +44,15 @@ pub struct Document<'a> {
 }
 
 impl Document<'_> {
-    /// Returns the page: one HTML file without scripts, which loads nothing.
+    /// Returns the page: one HTML file that loads nothing. It has a script only if its content has
+    /// a replay: the script of replays, whose hash is its only source of scripts.
     pub fn html(&self) -> String {
-        self.with("", "", "The page runs no script and loads nothing.")
-    }
-
-    /// Returns the page with the script of replays, whose hash is its only source of scripts.
-    pub fn interactive_html(&self) -> String {
+        if !self.body.contains(replay::START) {
+            return self.with("", "", "The page runs no script and loads nothing.");
+        }
         let policy = format!("; script-src {}", replay::script_source());
         let script = format!("<script>{}</script>\n", replay::SCRIPT);
         self.with(&policy, &script, "The page runs one script, which is in it, and loads nothing.")
-    }
-
-    /// Returns the page about runs, with the script of replays if one of them has a replay.
-    pub(crate) fn html_of(&self, reports: &[RunReport]) -> String {
-        let has_replay = reports.iter().any(|report| report.replay.is_some());
-        if has_replay { self.interactive_html() } else { self.html() }
     }
 
     fn with(&self, policy: &str, script: &str, note: &str) -> String {

@@ -28,6 +28,8 @@ pub struct PredicateChart<'a> {
     pub violated: Vec<[f64; 2]>,
     /// Decisive time.
     pub decisive: Option<f64>,
+    /// Whether the line is that of a failure.
+    pub is_failure: bool,
     /// Meaning of the marks.
     pub caption: &'a str,
 }
@@ -59,7 +61,7 @@ impl PredicateChart<'_> {
                 series.push(Series::new(color::LIMIT, Mark::DashedLine, [[start, limit], [end, limit]]));
                 continue;
             }
-            let first = if beside.is_empty() { color::PASS } else { color::FAIL };
+            let first = if self.is_failure { color::FAIL } else { color::PASS };
             let color = if series.is_empty() { first } else { color::LIMIT };
             series.push(Series::new(color, Mark::Line, thinned(line)));
         }

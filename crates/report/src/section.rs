@@ -20,7 +20,6 @@ pub fn section(report: &RunReport, id: usize) -> String {
         requirement(&report.header),
         tables::requirements(report)
     ));
-    out.push_str(&report.replay.as_ref().map_or(String::new(), |replay| replay.html(id)));
     let notes: Vec<&String> = report.notes.iter().chain(&report.no_simulations).collect();
     if !notes.is_empty() {
         let notes: String = notes.into_iter().map(|note| format!("<li>{}</li>", text(note))).collect();

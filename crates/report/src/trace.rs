@@ -1,7 +1,7 @@
 //! Charts of a failing simulation: signals over time with their thresholds and the violation.
 
 use mishandle::inspect::{ExplainedSimulation, unit};
-use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use mishandle::stl::{Clock, Formula, Monitor, Trace, is_violated};
 use mishandle::store::RunHeader;
 
 use crate::predicate_chart::{Curve, PredicateChart};
@@ -58,6 +58,7 @@ fn predicate_figure(
         window: history.map(|history| [history.window.0, history.window.1].map(|sample| time(sample as f64))),
         violated,
         decisive: explained.explanation.instant().map(|sample| time(sample as f64)),
+        is_failure: nominal.is_some() || explained.recorded.robustness.is_some_and(is_violated),
         caption: &caption(is_decisive, nominal.is_some()),
     };
     let curve = |trace: &Trace, formula: &Formula| -> Option<Curve> {

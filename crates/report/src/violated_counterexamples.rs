@@ -45,12 +45,13 @@ impl ViolatedCounterexamples {
     }
 
     /// Simulates at most four of the counterexamples that the first failing candidate violates with
-    /// this one and the last passing one, and draws them. Returns `None` if `is_interrupted`, which
-    /// is called before each.
+    /// this one and the last passing one, and draws them, in 3-D if they `have_replays`. Returns
+    /// `None` if `is_interrupted`, which is called before each.
     ///
     /// If a file is missing or a simulation cannot be run, the page says so.
     pub fn simulate(
         [good, bad]: [&BisectedCandidate; 2],
+        have_replays: bool,
         mut is_interrupted: impl FnMut() -> bool,
     ) -> Option<ViolatedCounterexamples> {
         let mut found = ViolatedCounterexamples::default();
@@ -58,7 +59,7 @@ impl ViolatedCounterexamples {
             if is_interrupted() {
                 return None;
             }
-            match card(file, [&good.controller, &bad.controller]) {
+            match card(file, [&good.controller, &bad.controller], have_replays) {
                 Ok((card, missing)) => {
                     found.cards.push(card);
                     found.note(missing);
@@ -84,7 +85,7 @@ impl ViolatedCounterexamples {
         if self.cards.is_empty() && self.notes.is_empty() {
             return String::new();
         }
-        let cards: String = self.cards.iter().map(Card::html).collect();
+        let cards: String = (1..).zip(&self.cards).map(|(place, card)| card.html(place)).collect();
         let notes: String = self.notes.iter().map(|note| format!("<li>{}</li>", text(note))).collect();
         let notes = if notes.is_empty() { notes } else { format!("<ul class=\"notes\">{notes}</ul>\n") };
         format!(
@@ -94,7 +95,11 @@ impl ViolatedCounterexamples {
 }
 
 /// Simulates a counterexample with both controllers. Also returns why there is no picture.
-fn card(file: &str, controllers: [&str; 2]) -> Result<(Card, Option<String>), MishandleError> {
+fn card(
+    file: &str,
+    controllers: [&str; 2],
+    has_replay: bool,
+) -> Result<(Card, Option<String>), MishandleError> {
     let path = Path::new(file);
     let recorded = Counterexample::read(path)?;
     let simulate = |controller: &str| {
@@ -102,13 +107,13 @@ fn card(file: &str, controllers: [&str; 2]) -> Result<(Card, Option<String>), Mi
         ExampleSimulation::new(&resolved, &recorded.request(&resolved.space)?)
     };
     let [good, bad] = controllers.map(simulate);
-    let (pair, missing) = ControllerPair::draw([good?, bad?], CONTROLLERS, 1);
+    let (pair, missing) = ControllerPair::draw([good?, bad?], CONTROLLERS, 1, has_replay);
     let missing = missing.map(|error| format!("There are no pictures of the failures: {error}."));
     Ok((Card { file: file.to_string(), scenario: recorded.scenario, pair }, missing))
 }
 
 impl Card {
-    fn html(&self) -> String {
+    fn html(&self, place: usize) -> String {
         let shown = |value: Option<f64>| value.map_or("random".to_string(), number);
         let row = |value: &AxisValue| {
             vec![
@@ -123,7 +128,7 @@ impl Card {
         format!(
             "<article class=\"mode\">\n<h4><code>{}</code></h4>\n{}</article>\n",
             text(&short(&self.file, 120)),
-            self.pair.html(&scenario)
+            self.pair.html(&scenario, Some(&format!("counterexample{place}")))
         )
     }
 }

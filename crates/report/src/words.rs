@@ -220,17 +220,7 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
                 ),
             );
         }
-        Some(Answer::Falsification(found)) if found.simulations > 0 => {
-            sentences.push(match found.failure_rate_bound {
-                Some(bound) => format!(
-                    "This is no proof. Of the scenarios of this space, at most {} fail (95 % confidence, from {} random simulations).",
-                    percent(bound),
-                    found.simulations
-                ),
-                None => "This is no proof: a search can miss failures.".to_string(),
-            });
-        }
-        Some(Answer::Falsification(_)) => {}
+        Some(Answer::Falsification(_)) => return sentences,
     }
     if let Some(worst) = worst {
         sentences.push(if worst < 0.0 { format!(
@@ -239,29 +229,7 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
                 number(worst)
             ) } else { format!("The closest simulation has robustness {}; a violation would be below 0.", number(worst)) });
     }
-    let checks = || report.measured.iter().flat_map(|measured| &measured.physics);
-    let depends = checks().filter(|check| check.depends_on_solver).count();
-    if depends > 0 {
-        sentences.push(format!(
-            "<strong>{depends} of {} shown below {} on the solver of the physics</strong>: the violation vanishes under a change \
-             that no real robot would notice.",
-            mishandle_text::plural(checks().count() as u64, "failure"),
-            if depends == 1 { "depends" } else { "depend" }
-        ));
-    }
-    let repeats: Vec<_> =
-        report.measured.iter().flat_map(|measured| measured.repeats.iter().flatten()).collect();
-    if let Some(least) = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).reduce(f64::min) {
-        let most = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).fold(least, f64::max);
-        let share = if percent(least) == percent(most) {
-            percent(least)
-        } else {
-            format!("{} to {}", percent(least), percent(most))
-        };
-        sentences.push(format!(
-            "The target is random: with other seeds, the failing scenarios shown below fail in {share} of repeats."
-        ));
-    } else if !report.header.target.is_deterministic {
+    if !report.header.target.is_deterministic {
         sentences.push("The target is not deterministic: the same scenario can pass or fail.".to_string());
     }
     sentences

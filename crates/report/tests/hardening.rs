@@ -138,7 +138,7 @@ fn the_commands_of_a_failure_name_files_as_the_user_named_the_folder() {
     let here = std::env::current_dir().unwrap();
     let up: PathBuf = here.components().skip(1).map(|_| "..").collect();
     let relative = up.join(folder.strip_prefix("/").unwrap());
-    let failures = HardenedModes::simulate(&relative, &found, || false).unwrap();
+    let failures = HardenedModes::simulate(&relative, &found, false, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None, crate::data);
     let command = format!("run: &quot;{}/final/before-search-", relative.display());
     let controller = format!("controller: Some(&quot;{}/before.safetensors", relative.display());
@@ -193,7 +193,7 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     assert!(error.contains("mode-1.json: recorded -12.5, simulated -"), "{error}");
     fs::write(&file, json).unwrap();
 
-    let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
+    let failures = HardenedModes::simulate(&folder, &found, false, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None, crate::data);
     let appeared = html.find("<h4>Appeared: ").unwrap();
     let vanished = html.find("<h4>Vanished: ").unwrap();
@@ -206,11 +206,11 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
         6,
         "two of each mode, and the pair at the top"
     );
-    assert!(HardenedModes::simulate(&folder, &found, || true).is_none(), "interrupted");
+    assert!(HardenedModes::simulate(&folder, &found, false, || true).is_none(), "interrupted");
 
     // The page is made without the controllers, and says what it lacks.
     fs::remove_file(folder.join("round-1/controller.safetensors")).unwrap();
-    let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
+    let failures = HardenedModes::simulate(&folder, &found, false, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None, crate::data);
     assert!(html.contains("which take simulations, are missing: ") && !html.contains("<h4>"), "{html}");
 }
@@ -232,7 +232,7 @@ fn a_page_without_an_accepted_round_says_that_no_modes_are_compared() {
         p_value: None,
         adjusted_p_value: None,
     });
-    let failures = HardenedModes::simulate(home.path(), &found, || false).unwrap();
+    let failures = HardenedModes::simulate(home.path(), &found, false, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None, crate::data);
     assert!(html.contains("there are no modes to compare") && html.contains("0 of 1"), "{html}");
     // Nothing was compared, so nothing was fixed or broken, not even 0.

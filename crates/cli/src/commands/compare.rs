@@ -30,6 +30,7 @@ use crate::words::shell_command;
   mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
   mishandle compare door-opening --controller ppo --against sac --episodes 500 --until width=0.1
   mishandle compare old.sqlite new.sqlite --out compare.html     write a page
+  mishandle compare old.sqlite new.sqlite --out c.html -k report.replay=true   with 3-D replays
   mishandle compare old.sqlite new.sqlite --exact                any question, to the bit
   mishandle compare --expect 0.90 --expect 0.94                  how many pairs will it take?
 
@@ -141,7 +142,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         found.set_max_share(max_share);
     }
     if let Some(out) = &command.out {
-        let flipped = FlippedPairs::simulate(&found, [&a, &b], || run::control_flow().is_break());
+        let has_replay = match command.second {
+            Some(_) => settings.report.replay,
+            None => planned(command)?.plan()?.1.report.replay,
+        };
+        let mut must_end = || run::control_flow().is_break();
+        let flipped = FlippedPairs::simulate(&found, [&a, &b], has_replay, &mut must_end);
         let page = comparison_page(&found, [&a, &b], &flipped)?;
         output::write_atomically(out, command.force, page.as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));

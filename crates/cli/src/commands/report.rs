@@ -2,7 +2,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::plan::{LogSettings, Settings};
+use mishandle::plan::{LogSettings, ReportSettings, Settings};
 use mishandle::results::{Bisection, Check};
 use mishandle::train::Curve;
 use mishandle_report::{
@@ -47,7 +47,7 @@ pub struct Arguments {
     #[arg(value_name = "RUN", required_unless_present_any = flags::OF_LOGS)]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["markdown", "open"])]
+    #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Markdown file to create about run files or a check, for a pull request or a README: verdict,
     /// rates, failure modes, and success over the range of each axis. Without --out, nothing is
@@ -85,6 +85,13 @@ fn write_page(command: &Arguments) -> Result<ExitStatus> {
     if command.runs.is_empty() {
         return write_logs(command, &log);
     }
+    if command.out.is_none() && command.markdown.is_none() {
+        // A missing run is the first mistake to correct.
+        for run in command.runs.iter().filter(|run| !run.exists()) {
+            drop(run::read(run, engine.skip_check)?);
+        }
+        page_file(command)?;
+    }
     run::set_threads(command.threads)?;
     let controller = engine.controller.as_deref().map(Path::new);
     let files = [("--out", &command.out), ("--markdown", &command.markdown)];
@@ -99,12 +106,13 @@ fn write_page(command: &Arguments) -> Result<ExitStatus> {
     }
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let samples = Samples { probes: report.probes, sensitivity: report.sensitivity };
+    let ReportSettings { probes, sensitivity, repeats, simulations, replay, .. } = report;
+    let samples = Samples { probes, sensitivity, repeats };
     let options = pages::Options {
-        simulations: (report.simulations && command.out.is_some()).then_some((samples, &bar)),
+        simulations: (simulations && command.out.is_some()).then_some((samples, &bar)),
         controller: engine.controller.as_deref(),
         skip_check: engine.skip_check,
-        has_replay: command.interactive || command.open,
+        has_replay: command.interactive || command.open || replay,
         force: command.force,
     };
     let is_alone = command.runs.len() == 1;
@@ -182,7 +190,7 @@ fn write_check(found: &Check, command: &Arguments, options: &pages::Options<'_>)
         return Ok(ExitStatus::Done);
     }
     let mut must_end = || run::control_flow().is_break();
-    let figures = options.simulations.map(|_| CheckFigures::draw(found, &mut must_end));
+    let figures = options.simulations.map(|_| CheckFigures::draw(found, options.has_replay, &mut must_end));
     options.clear();
     write(&check_page(found, &figures.unwrap_or_default()), command)
 }

@@ -144,7 +144,7 @@ pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<Hardenin
     let found = path_kind::hardening(folder)?;
     let failures = match options.simulations {
         None => Some(HardenedModes::skipped(NO_SIMULATIONS)),
-        Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break()),
+        Some(_) => HardenedModes::simulate(folder, &found, options.has_replay, || control_flow().is_break()),
     };
     let Some(failures) = failures else { return Ok(None) };
     let mut reports = Vec::new();
@@ -164,7 +164,9 @@ pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<Hardenin
 pub fn bisection(found: &Bisection, options: &Options<'_>) -> Result<Option<BisectionEvidence>> {
     let violated = |neighbors: [&BisectedCandidate; 2]| match options.simulations {
         None => Some(ViolatedCounterexamples::skipped(neighbors[1], NO_SIMULATIONS)),
-        Some(_) => ViolatedCounterexamples::simulate(neighbors, || control_flow().is_break()),
+        Some(_) => {
+            ViolatedCounterexamples::simulate(neighbors, options.has_replay, || control_flow().is_break())
+        }
     };
     let read = |path: &Path| {
         let file = file::read(path, options.skip_check)?;

@@ -3,12 +3,16 @@
 use std::path::Path;
 
 use mishandle::counterexample::{Counterexample, CounterexampleReplay};
+use mishandle::picture::ExampleSimulation;
 use mishandle::resolve::is_python;
 use mishandle::results::{Check, CheckCell};
+use mishandle::rollout::Request;
+use mishandle::store::RunHeader;
 use mishandle::{Compared, MishandleError, ResolvedPlan};
 
 use crate::html::{text, with_code};
 use crate::pictures::{self, MAX_STRIPS, MustEnd, PictureError};
+use crate::replay::Replay;
 use crate::{modes, trace};
 
 /// The figures of the counterexamples of a check. The default has none.
@@ -19,9 +23,9 @@ pub struct CheckFigures {
 }
 
 impl CheckFigures {
-    /// Simulates the counterexamples again and draws them. A cell whose counterexample cannot be
-    /// drawn says why; systems in Python have no figures.
-    pub fn draw(found: &Check, must_end: MustEnd<'_>) -> CheckFigures {
+    /// Simulates the counterexamples again and draws them, in 3-D if they `have_replays`. A cell
+    /// whose counterexample cannot be drawn says why; systems in Python have no figures.
+    pub fn draw(found: &Check, have_replays: bool, must_end: MustEnd<'_>) -> CheckFigures {
         let mut cells = Vec::new();
         let mut strips = 0;
         if is_python(&found.target_kind) {
@@ -35,7 +39,7 @@ impl CheckFigures {
             let html = if must_end() {
                 Err(PictureError::Interrupted)
             } else {
-                draw(cell, Path::new(file), &mut strips, must_end)
+                draw(cell, Path::new(file), have_replays, &mut strips, must_end)
             };
             let html = html.unwrap_or_else(|error| note(&error));
             cells.push(([cell.requirement.clone(), cell.controller.clone()], html));
@@ -53,6 +57,7 @@ impl CheckFigures {
 fn draw(
     cell: &CheckCell,
     file: &Path,
+    has_replay: bool,
     strips: &mut usize,
     must_end: MustEnd<'_>,
 ) -> Result<String, PictureError> {
@@ -70,12 +75,27 @@ fn draw(
         *strips += 1;
         let request = counterexample.request(&resolved.space)?;
         match pictures::of_replay(&resolved, &request, &replay, must_end) {
-            Ok(pictures) => out += &modes::frames(header, &pictures, explained),
+            Ok(pictures) => {
+                let frames = modes::frames(header, &pictures, explained);
+                let found = if has_replay { replayed(&resolved, &request, header)? } else { None };
+                out += &found.map_or(frames.clone(), |replay| replay.html(&format!("q{strips}"), &frames));
+            }
             Err(error) => out += &note(&error),
         }
     }
     let charts: String = trace::figures(header, explained, None, 0).concat();
     Ok(out + &format!("<div class=\"grid\">{charts}</div>\n"))
+}
+
+/// Returns the replay of a counterexample, with the nominal simulation of its seed as ghost.
+fn replayed(
+    resolved: &ResolvedPlan,
+    request: &Request,
+    header: &RunHeader,
+) -> Result<Option<Replay>, MishandleError> {
+    let nominal = Request::new(resolved.space.nominal(), request.seed);
+    let [failing, nominal] = [request, &nominal].map(|request| ExampleSimulation::new(resolved, request));
+    Replay::of_pair(header, ["counterexample", "nominal"], [&failing?, &nominal?])
 }
 
 /// Looks up the target of a counterexample, whose controller can be a file elsewhere.

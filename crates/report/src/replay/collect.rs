@@ -3,25 +3,20 @@
 use std::ops::ControlFlow;
 
 use mishandle::falsification::off_nominal;
-use mishandle::inspect::{Explanation, Failure, FailureMode, explain_episode, unit};
-use mishandle::picture::{replay_states_with, simulate_states};
+use mishandle::inspect::{Failure, explain_episode};
+use mishandle::picture::{ExampleSimulation, replay_states_with, simulate_states};
 use mishandle::resolve::{Moved, has_scene, named_scenario, picture_model, recorded_plan};
 use mishandle::results::{Answer, Trial};
-use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed};
-use mishandle::stl::{Clock, Formula, Monitor};
-use mishandle::store::{RunFile, RunHeader, Simulation};
+use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed};
+use mishandle::store::{RunFile, Simulation};
 use mishandle::{Compared, MishandleError, ResolvedPlan};
-use mishandle_text::instant;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use super::pack::block;
-use super::scene::SceneReader;
-use super::{MAX_BYTES, Replay};
+use super::MAX_BYTES;
+use super::recorder::{Entry, GHOST, Recorder};
 use crate::RunReport;
-use crate::html::{number, short};
-use crate::predicate_chart::predicates;
+use crate::html::short;
 use crate::space::value_text;
-use crate::trace::spans;
 
 /// Largest number of failure modes whose minimal counterexamples are shown.
 const MODES: usize = 3;
@@ -31,18 +26,11 @@ const MODES: usize = 3;
 const VALUES: usize = 9;
 const PARTS: usize = 4;
 
-/// Largest numbers of predicates and of signals with a chart.
-const PREDICATES: usize = 6;
-const SIGNALS: usize = 18;
-
 /// Largest number of failures that are simulated again beside those that are always shown.
 const FAILURES: usize = 60;
 
 /// Largest number of axis values in the title of a simulation.
 const TITLE_VALUES: usize = 3;
-
-/// Number of states that frame the first view.
-const FRAMING: usize = 6;
 
 /// A simulation that the page shows.
 struct Shown {
@@ -109,51 +97,33 @@ impl RunReport {
         if shown.is_empty() {
             return Ok(Recording::Nothing);
         }
-        let formula = Formula::parse(&header.formula).ok();
-        let mut predicates = formula.as_ref().map_or(Vec::new(), predicates);
-        predicates.truncate(PREDICATES);
-        let signals = signals(header, formula.as_ref());
-        let mut reader = SceneReader::new(&picture_model(&resolved.plan.target)?)?;
-        let mut scene = None;
-        let mut blocks = vec![Vec::new()];
-        let mut facts = Vec::new();
-        let mut size = 0;
+        let mut recorder = Recorder::new(&picture_model(&resolved.plan.target)?, header)?;
         let most = shown.len().min(always + FAILURES);
         for (index, simulation) in shown.iter().enumerate().take(most) {
             if watch(index as u64, most as u64).is_break() {
                 return Ok(Recording::Interrupted);
             }
-            let simulated = simulate(run, &resolved, &simulation.source)?;
-            // The first simulation, the minimal counterexample, frames the first view.
-            if scene.is_none() {
-                scene = Some(reader.data(&framing(&simulated)));
-            }
-            let data = encoded(&mut reader, header, &simulated, &predicates, &signals);
-            size += 4 * data.len().div_ceil(3);
-            if index >= always && size > MAX_BYTES {
+            let Shown { role, title, row, source } = simulation;
+            let simulated = simulate(run, &resolved, source)?;
+            let limit = if index < always { usize::MAX } else { MAX_BYTES };
+            if !recorder.add(Entry { role, title, row: *row, simulation: &simulated }, limit) {
                 break;
             }
-            blocks.push(data);
-            facts.push(fact(header, simulation, &simulated));
         }
-        let Some((mut head, bytes)) = scene else { return Ok(Recording::Nothing) };
-        let named = |name: &str, unit: &str| json!({ "name": short(name, 80), "unit": short(unit, 20) });
-        let missing = shown.len() - facts.len();
-        let left = shown.get(facts.len()).and_then(|shown| shown.row);
-        head["dt"] = json!(header.control_dt);
-        head["predicates"] = predicates.iter().map(|text| named(text, &unit(header, text))).collect();
-        head["signals"] = signals.iter().map(|(name, unit)| named(name, unit)).collect();
-        head["simulations"] = json!(facts);
-        head["failures"] = json!(self.counts.falsified);
-        head["missing"] = json!(missing);
-        head["command"] = json!(left.map_or(String::new(), command));
+        let shown_count = recorder.len();
+        let left = shown.get(shown_count).and_then(|shown| shown.row);
         let (axis, values) =
             sweep.map_or((None, Vec::new()), |(axis, values)| (Some(&self.axes[axis]), values));
-        head["axis"] = json!(axis.map(|axis| short(&axis.name, 80)));
         let value = |(value, simulation): &(f64, usize)| json!({ "value": axis.map(|axis| value_text(axis, Some(*value))), "simulation": simulation });
-        head["sweep"] = values.iter().map(value).collect();
-        blocks[0] = block(&head, &bytes);
-        self.replay = Some(Replay { blocks });
+        let facts = json!({
+            "ghost": "nominal simulation",
+            "failures": self.counts.falsified,
+            "missing": shown.len() - shown_count,
+            "command": left.map_or(String::new(), command),
+            "axis": axis.map(|axis| short(&axis.name, 80)),
+            "sweep": values.iter().map(value).collect::<Vec<_>>(),
+        });
+        self.replay = recorder.finish(facts);
         Ok(Recording::Done)
     }
 
@@ -171,8 +141,7 @@ impl RunReport {
             shown.push(row("chosen", &format!("trial {trial}, simulation {number}"), (trial, number)));
             minimal = Some(recorded);
         }
-        let modes = self.modes.modes.iter().filter(|_| only.is_none()).take(MODES);
-        for found in modes.map(FailureMode::representative) {
+        for found in self.first_failures(only.is_none()) {
             let place = (found.trial, found.number);
             let closest = self.minimal(run, found)?;
             let what =
@@ -194,12 +163,7 @@ impl RunReport {
         let seed = Seed(minimal.seed);
         let nominal = shown.len();
         let request = Request::new(resolved.space.nominal(), seed);
-        shown.push(Shown {
-            role: "nominal",
-            title: "nominal".into(),
-            row: None,
-            source: Source::New(request),
-        });
+        shown.push(Shown { role: GHOST, title: "nominal".into(), row: None, source: Source::New(request) });
         let sweep = if only.is_none() { self.sweep(resolved, &minimal, nominal, &mut shown) } else { None };
         let always = shown.len();
         let known = |place: (u32, u32)| shown.iter().any(|shown| shown.row == Some(place));
@@ -209,6 +173,18 @@ impl RunReport {
         let others: Vec<Shown> = others.map(|place| row("failure", &title(place), place)).collect();
         shown.extend(others);
         Ok(Chosen { shown, sweep, always })
+    }
+
+    /// Returns a failure of each mode: that with which the page begins, then representatives.
+    fn first_failures(&self, is_wanted: bool) -> Vec<&Failure> {
+        let first = self.lead.as_ref().map(|lead| lead.original);
+        let is_first = |failure: &&Failure| Some((failure.trial, failure.number)) == first;
+        let modes = self.modes.modes.iter().filter(|_| is_wanted);
+        let mut found: Vec<&Failure> =
+            modes.map(|mode| mode.failures.iter().find(is_first).unwrap_or(mode.representative())).collect();
+        found.sort_by_key(|failure| !is_first(failure));
+        found.truncate(MODES);
+        found
     }
 
     /// Returns the row of the scenario that the answer calls the cause of a failure.
@@ -302,15 +278,11 @@ fn values(axis: &Axis, nominal: f64, minimal: f64) -> Vec<f64> {
     values
 }
 
-/// One simulation with its states.
-struct Simulated {
-    episode: Episode,
-    states: Vec<Vec<f64>>,
-    /// `None` if it has no verdict.
-    explanation: Option<Explanation>,
-}
-
-fn simulate(run: &RunFile, resolved: &ResolvedPlan, source: &Source) -> Result<Simulated, MishandleError> {
+fn simulate(
+    run: &RunFile,
+    resolved: &ResolvedPlan,
+    source: &Source,
+) -> Result<ExampleSimulation, MishandleError> {
     let (episode, trajectory) = match source {
         Source::Row(trial, number) => {
             let (replayed, trajectory) = replay_states_with(run, *trial, *number, resolved)?;
@@ -321,91 +293,6 @@ fn simulate(run: &RunFile, resolved: &ResolvedPlan, source: &Source) -> Result<S
         }
         Source::New(request) => simulate_states(resolved, request)?,
     };
-    let explanation = explain_episode(resolved, &episode).ok().map(|(_, explained)| explained.explanation);
-    Ok(Simulated { episode, states: trajectory.states, explanation })
-}
-
-/// Returns states that the first view shows: those until nothing can satisfy the requirement. What
-/// falls flies far after that.
-fn framing(simulated: &Simulated) -> Vec<&[f64]> {
-    let states = &simulated.states;
-    let explanation = simulated.explanation.as_ref().filter(|_| simulated.episode.is_violated());
-    let decided = explanation.and_then(|explanation| explanation.decided);
-    let end = decided.map_or(states.len(), |sample| (sample + 1).min(states.len()));
-    let states = &states[..end];
-    states.iter().step_by((end / FRAMING).max(1)).chain(states.last()).map(Vec::as_slice).collect()
-}
-
-/// Returns the signals that have a chart, with their units. Signals of the formula come first.
-fn signals(header: &RunHeader, formula: Option<&Formula>) -> Vec<(String, String)> {
-    let read = formula
-        .map_or(Vec::new(), |formula| formula.signals().into_iter().map(ToString::to_string).collect());
-    let mut signals: Vec<(String, String)> =
-        header.signals.iter().map(|signal| (signal.name.clone(), signal.unit.clone())).collect();
-    signals.sort_by_key(|(name, _)| !read.contains(name));
-    signals.truncate(SIGNALS);
-    signals
-}
-
-/// Returns what the page says about a simulation.
-fn fact(header: &RunHeader, shown: &Shown, simulated: &Simulated) -> Value {
-    let Simulated { episode, explanation, .. } = simulated;
-    let robustness = episode.robustness();
-    let decided = explanation.as_ref().and_then(|explanation| explanation.decided);
-    let note = match (episode.is_violated(), robustness, decided) {
-        (true, Some(rho), Some(sample)) => {
-            format!("fails: lost from {} on, robustness {}", instant(sample, header.control_dt), number(rho))
-        }
-        (true, Some(rho), None) => format!("fails, robustness {}", number(rho)),
-        (false, Some(rho), _) => format!("passes, robustness {}", number(rho)),
-        _ => "no verdict".to_string(),
-    };
-    json!({
-        "role": shown.role,
-        "title": shown.title,
-        "note": note,
-        "isViolated": episode.is_violated(),
-        "row": shown.row.map(|(trial, number)| [trial, number]),
-    })
-}
-
-/// Returns the block of a simulation.
-fn encoded(
-    reader: &mut SceneReader,
-    header: &RunHeader,
-    simulated: &Simulated,
-    predicates: &[String],
-    signals: &[(String, String)],
-) -> Vec<u8> {
-    let Simulated { episode, states, explanation } = simulated;
-    let mut columns = reader.motion(states);
-    let integers = columns.end();
-    let mut bytes = columns.bytes;
-    let trace = &episode.trace;
-    let mut series = |values: Option<&[f64]>| {
-        let value =
-            |sample| values.and_then(|values| values.get(sample)).map_or(f32::NAN, |value| *value as f32);
-        bytes.extend((0..trace.len()).flat_map(|sample| value(sample).to_le_bytes()));
-    };
-    for text in predicates {
-        let formula = Formula::parse(text).ok();
-        let monitor = formula
-            .and_then(|formula| Monitor::new(&formula, trace.names(), Clock::steps(header.control_dt)).ok());
-        match monitor {
-            Some(mut monitor) => series(monitor.robustness_signal(trace).ok()),
-            None => series(None),
-        }
-    }
-    signals.iter().for_each(|(name, _)| series(trace.signal(name)));
-    let violated = explanation.as_ref().filter(|_| episode.is_violated());
-    let history = violated.and_then(|explanation| explanation.history.as_ref());
-    let head = json!({
-        "samples": states.len(),
-        "values": trace.len(),
-        "integers": integers,
-        "decided": violated.and_then(|explanation| explanation.decided),
-        "window": history.map(|history| [history.window.0, history.window.1]),
-        "violated": history.map_or(Vec::new(), |history| spans(&history.violated)),
-    });
-    block(&head, &bytes)
+    let explained = explain_episode(resolved, &episode).ok();
+    Ok(ExampleSimulation { episode, trajectory, explained })
 }

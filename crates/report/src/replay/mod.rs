@@ -4,6 +4,7 @@ use sha2::{Digest, Sha256};
 
 mod collect;
 mod pack;
+mod recorder;
 mod scene;
 mod simplify;
 
@@ -30,6 +31,9 @@ pub const SCRIPT: &str = concat!(
 /// Style of the elements that the script makes.
 pub const STYLE: &str = include_str!("replay.css");
 
+/// Start of the element of a replay.
+pub const START: &str = "<div class=\"replay\"";
+
 /// A replay of simulations of a run.
 #[derive(Clone, Debug)]
 pub struct Replay {
@@ -38,14 +42,15 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Returns the replay as HTML. `id` is the number of the run on the page. Nothing of the run
-    /// stands there but digits of base64.
-    pub fn html(&self, id: usize) -> String {
+    /// Returns the replay as HTML. `id` is its name on the page: marks and links of a run with this
+    /// name open its simulations. `pictures` stand there on paper, without scripts, and where the
+    /// browser draws nothing in 3-D. The replay has nothing of the run but digits of base64.
+    pub fn html(&self, id: &str, pictures: &str) -> String {
         let blocks: String =
             self.blocks.iter().map(|block| format!("<template>{}</template>\n", base64(block))).collect();
         format!(
-            "<div class=\"replay\" id=\"r{id}-replay\" data-run=\"r{id}\">\n{blocks}<noscript><p>The 3-D replay needs \
-             scripts.</p></noscript></div>\n"
+            "{START} id=\"{id}-replay\" data-run=\"{id}\">\n{blocks}<noscript><p>The 3-D replay needs \
+             scripts.</p></noscript></div>\n<div class=\"replay-instead\">{pictures}</div>\n"
         )
     }
 }

@@ -18,11 +18,12 @@ class Replay {
     head.meshes = head.meshes.map((mesh) => [part(floats, mesh.vertices), part(indices, mesh.triangles)]);
     head.cloths = head.cloths.map((cloth) => ({ ...cloth, triangles: part(indices, cloth.triangles) }));
     this.scene = head;
-    this.nominal = head.simulations.findIndex((simulation) => simulation.role === "nominal");
+    this.ghost = head.simulations.findIndex((simulation) => simulation.role === "ghost");
     this.build();
     try {
       this.renderer = new Renderer(this.canvas, head);
     } catch (error) {
+      this.root.classList.add("is-flat");
       this.pick.textContent = `No 3-D picture: ${error.message}.`;
     }
     this.orbit = new Orbit(this.canvas, head, () => this.request());
@@ -43,7 +44,7 @@ class Replay {
   async open(index, keepsTime = false) {
     const { scene } = this;
     this.index = index;
-    const other = this.nominal >= 0 && index !== this.nominal ? await this.motion(this.nominal) : null;
+    const other = this.ghost >= 0 && index !== this.ghost ? await this.motion(this.ghost) : null;
     const main = await this.motion(index);
     if (this.index !== index) return;
     Object.assign(this, { main, other, last: Math.max(main.last, other?.last ?? 0) });
@@ -69,7 +70,7 @@ class Replay {
       element("button", { type: "button", text, title: label, "aria-label": label, onclick: action });
     this.canvas = element("canvas", { tabindex: 0, "aria-label": "3-D replay; its keys are listed below" });
     this.label = element("b");
-    this.ghostLabel = element("span", { class: "pass", text: "nominal simulation: the ghost" });
+    this.ghostLabel = element("span", { class: "pass", text: `${scene.ghost}: the ghost` });
     this.clock = element("output");
     this.pick = element("output", { class: "replay-pick" });
     const head = element("div", { class: "replay-head" }, [this.label, this.ghostLabel]);
@@ -85,8 +86,8 @@ class Replay {
       this.shows[name] = element("input", { type: "checkbox", checked: true, onchange: () => this.request() });
       return element("label", {}, [this.shows[name], ` ${name}`]);
     };
-    const modes = [["over", "ghost over it"], ["beside", "nominal beside it"], ["hidden", "no nominal"]];
-    this.modes = element("select", { "aria-label": "nominal simulation", onchange: () => this.request() },
+    const modes = [["over", "ghost over it"], ["beside", "ghost beside it"], ["hidden", "no ghost"]];
+    this.modes = element("select", { "aria-label": scene.ghost, onchange: () => this.request() },
       modes.map(([value, text]) => element("option", { value, text })));
     const tools = element("div", { class: "replay-tools" }, [this.modes, box("contacts"), box("paths"),
       button("reset view", "the first view (r)", () => this.orbit.reset())]);

@@ -94,16 +94,16 @@ class TimeLine extends Strip {
 class Plot extends Strip {
   constructor(title, unit, isRobustness, seek) {
     super("replay-plot", seek);
-    Object.assign(this, { unit, isRobustness });
-    this.values = ["fail", "pass"].map((kind) => element("b", { class: kind }));
-    const name = element("span", { text: title, title });
-    this.figure = element("figure", {}, [element("figcaption", {}, [name, ...this.values]), this.area]);
+    const values = ["fail", "pass"].map((kind) => element("b", { class: kind }));
+    const name = element("figcaption", {}, [element("span", { text: title, title }), ...values]);
+    Object.assign(this, { unit, isRobustness, values, figure: element("figure", {}, [name, this.area]) });
   }
   draw(look, motion, series) {
-    this.series = series;
+    Object.assign(this, { series }).figure.hidden = false;
     const { paper, x, height } = this.begin(look, motion);
     const all = series.flatMap(({ values }) => [...values].filter(Number.isFinite)).concat(this.isRobustness ? [0] : []);
     let [low, high] = all.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
+    this.figure.hidden = !this.isRobustness && low === high; // Such a signal has nothing to show.
     if (!(low < high)) [low, high] = all.length ? [low - 1, low + 1] : [-1, 1];
     const y = (value) => height - 3 - ((height - 6) * (value - low)) / (high - low);
     paper.fillStyle = look.soft;
