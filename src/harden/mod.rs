@@ -91,8 +91,8 @@ impl fmt::Display for HardenUnit {
 /// Gets the progress now and then, and can end the hardening, which a later call continues.
 pub type Watch<'w> = &'w mut (dyn FnMut(&HardenProgress) -> ControlFlow<()> + Send);
 
-/// Returns about the largest numbers of simulations and of environment steps of a hardening. Corners
-/// come besides.
+/// Returns about the largest numbers of simulations and of environment steps of a hardening.
+/// Corners come besides.
 pub fn largest_cost(table: &HardenPlan) -> [u64; 2] {
     let rounds = u64::from(table.rounds);
     // Random scenarios have the budget of a search.

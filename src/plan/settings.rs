@@ -117,7 +117,7 @@ plan_table! {
         /// Whether a page shows what takes simulations, and not only what the run files contain.
         pub simulations: bool = true, keys::BOOLEAN;
         /// Random scenarios around each failure mode, which estimate the size of the failing patch.
-        /// 0 skips this.
+        /// 0 skips this, and all random scenarios of the whole space.
         pub probes: u32 = 64, SCENARIOS => Within<0, 1_000_000>;
         /// Random scenarios that measure the total effect of each axis on the robustness (Sobol
         /// index); each is simulated twice and once more for each axis. 0 skips this.

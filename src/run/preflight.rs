@@ -30,7 +30,7 @@ const MAX_CHARACTERS: usize = 1000;
 /// Largest number of values of a discrete axis that are probed.
 const MAX_LEVELS: usize = 5;
 
-/// What the simulations before the first one probe.
+/// Purpose of the simulations before the first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Probed {
     /// Requirement and axes.

@@ -24,9 +24,9 @@ pub(super) fn verdict(found: &Falsification) -> Verdict {
     }
 }
 
-/// Returns the trial whose counterexample is shown: one that no check of the physics removes, that is
-/// not the luck of its seed, with the fewest axes off nominal, and of these the first. `None` without
-/// a counterexample.
+/// Returns the trial whose counterexample is shown: one that no check of the physics removes, that
+/// is not the luck of its seed, with the fewest axes off nominal, and of these the first. `None`
+/// without a counterexample.
 pub fn smallest_cause(found: &Falsification) -> Option<&Trial> {
     let falsified = found.trials.iter().filter(|trial| trial.falsified && trial.scenario.is_some());
     falsified.min_by_key(|trial| {

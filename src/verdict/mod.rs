@@ -27,7 +27,7 @@ pub use comparison::comparison;
 pub use falsification::{smallest_cause, sureness};
 pub use hardening::hardening;
 pub use margin::category_names;
-pub use monitor::{LogAnswer, log, log_table, log_title, monitor, untested};
+pub use monitor::{LogAnswer, log, log_table, monitor, untested};
 pub use subject::tested;
 
 /// The conclusion of an answer.
@@ -203,7 +203,7 @@ fn points(difference: &Estimate) -> String {
     }
 }
 
-/// What it means that a failure fails with at most half of the other seeds.
+/// End of a sentence about a failure that fails with at most half of the other seeds.
 const LUCK: &str = ": the failure is the luck of its seed";
 
 /// Says how often a failure fails with other seeds.

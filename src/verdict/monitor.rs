@@ -42,8 +42,8 @@ pub fn monitor(found: &Monitor, logs: usize) -> Verdict {
     verdict
 }
 
-/// Returns what the verdict of a formula on a log means: when it is violated, how long, and by which
-/// part.
+/// Returns what the verdict of a formula on a log means: when it is violated, how long, and by
+/// which part.
 pub fn log(found: &LogVerdict) -> Verdict {
     let headline = format!(
         "{}: {} is {}, robustness {}",
@@ -72,7 +72,7 @@ pub fn log(found: &LogVerdict) -> Verdict {
 }
 
 /// Names the log and the requirement of a verdict.
-pub fn log_title(found: &LogVerdict) -> String {
+fn log_title(found: &LogVerdict) -> String {
     found.name.as_ref().map_or(found.log.clone(), |name| format!("{}, {name}", found.log))
 }
 
@@ -140,7 +140,7 @@ pub fn untested<'a>(found: impl IntoIterator<Item = impl Into<LogAnswer<'a>>>) -
     })
 }
 
-/// What a requirement asks of a log.
+/// The demand of a requirement on a log.
 #[derive(Clone, Copy, Debug)]
 pub struct LogAnswer<'a> {
     /// Name of the requirement, or its formula.

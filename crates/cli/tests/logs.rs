@@ -454,7 +454,7 @@ fn a_clock_of_another_name_that_starts_again_is_asked_about() {
         assert!(named.contains("1 violated, 1 satisfied"), "{named}");
         bench.check(&format!("{monitor} -k log.period=1"), 0);
     }
-    // A flag and a counter that stays are no clocks.
+    // A flag is not a clock.
     bench.write("log.csv", "timeout,g\n0,0\n0,1\n1,0\n0,0\n0,0\n1,0\n");
     bench.check("monitor --formula 'eventually(g >= 1)' log.csv", 0);
 }

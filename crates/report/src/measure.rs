@@ -25,6 +25,11 @@ const MARGIN: f64 = 0.1;
 /// Number of scenarios that measure the share of noise, and simulations of each.
 const NOISE: (u64, u64) = (Repeated::NOISE_SCENARIOS, Repeated::Noise.simulations());
 
+/// Returns the number of random scenarios of the whole space.
+fn scenarios_of_space(probes: u32) -> u64 {
+    (4 * u64::from(probes)).min(NOISE.0)
+}
+
 /// Number of failures between a found one and the minimal one, which the total of the progress
 /// assumes.
 const WAY: u64 = 8;
@@ -59,7 +64,8 @@ pub struct Measured {
 /// Numbers of random scenarios of the simulations of a report.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Samples {
-    /// Scenarios that estimate the size of each failing patch; 0 skips it.
+    /// Scenarios that estimate the size of each failing patch; 0 skips it, and all random scenarios
+    /// of the whole space.
     pub probes: u32,
     /// Scenarios that measure the total effects of the axes, each simulated twice and once more for
     /// each axis; 0 skips them.
@@ -144,7 +150,7 @@ impl RunReport {
         let needed = match axes {
             0 => 0,
             1 => u64::from(probes),
-            _ => (4 * u64::from(probes)).min(NOISE.0),
+            _ => scenarios_of_space(probes),
         };
         let has_others = mishandle::resolve::space_depends_on_seed(resolved)
             || (has_random_rows(&self.header) && self.counts.simulations >= needed);
@@ -200,7 +206,7 @@ impl RunReport {
         let corners =
             if self.is_evaluation() { None } else { Corners::new(&resolved.space, depends_on_seed, seed) };
         let modes = self.representatives.len() as u64;
-        let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
+        let noise = if depends_on_seed { scenarios_of_space(probes) * NOISE.1 } else { 0 };
         let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
         let mapped = self.mapped(resolved, probes);
         let unmoved = self.minimal.iter().filter(|minimal| minimal.is_none()).count() as u64;
@@ -293,8 +299,8 @@ impl RunReport {
             count(episode)
         };
         if noise > 0 {
-            let (random, repeats) = NOISE;
-            measured.noise = measure_noise(&mut *system, seed, random, repeats, &mut count_mapped)?;
+            let random = scenarios_of_space(probes);
+            measured.noise = measure_noise(&mut *system, seed, random, NOISE.1, &mut count_mapped)?;
         }
         if mapped > 0 {
             // The share of noise of one simulation each is nothing to show.

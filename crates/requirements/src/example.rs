@@ -78,7 +78,7 @@ pub fn add_examples(found: &mut FormulaDescription, formula: &Formula, context: 
         line: None,
         column: None,
         formula: found.formula.clone(),
-        why: format!("a search found no trace that {verb} it; if there is none, it {result}"),
+        why: format!("a search found no trace that {verb} it; if no trace does, it {result}"),
         instead: None,
     });
 }

@@ -166,15 +166,6 @@ pub(crate) fn analyze(tree: &Tree<'_>) -> Option<Analysis> {
                     _ => (fails[a].or(&holds[b]), holds[a].and(&fails[b])),
                 }
             }
-            // What fails at no sample never fails, and what holds at none never holds.
-            SyntaxKind::Operator("always" | "historically") => {
-                let fails = &found.fails[operand(0)];
-                (Possible::all(), if fails.is_empty() { fails.clone() } else { Possible::all() })
-            }
-            SyntaxKind::Operator("eventually" | "once") => {
-                let holds = &found.holds[operand(0)];
-                (if holds.is_empty() { holds.clone() } else { Possible::all() }, Possible::all())
-            }
             SyntaxKind::Operator(_) if !node.is_term => (Possible::all(), Possible::all()),
             // A number or a signal alone holds from 0 on.
             _ => compared(">=", &linear[index], &Linear::default()),

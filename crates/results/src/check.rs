@@ -225,7 +225,7 @@ impl CheckCell {
 }
 
 impl Check {
-    /// Returns what is to be known about axes, each sentence once.
+    /// Returns the sentences about axes that change no trace, each once.
     pub fn idle_axes(&self) -> BTreeSet<&str> {
         let runs = self.controllers.iter().flat_map(|controller| &controller.runs);
         runs.flat_map(|run| &run.idle_axes).map(String::as_str).collect()

@@ -44,10 +44,10 @@ Examples:
 a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
 the pipe gives the verdict of the whole log. docs/reference/json.md has the keys of a line.
 
-Exit code 1 means that a formula is violated at time 0, otherwise 2 that one has no verdict on a log, or
-asks nothing of any log: the first sample decides it, or its premise never holds. Requirements with
-the severity `warning` do not count as violated. docs/guide/logs.md describes logs,
-docs/reference/formulas.md the language of formulas."
+Exit code 1 means that a formula is violated at time 0, otherwise 2 that one has no verdict on a
+log, or asks nothing of any log: the first sample decides it, or its premise never holds.
+Requirements with the severity `warning` do not count as violated. docs/guide/logs.md describes
+logs, docs/reference/formulas.md the language of formulas."
 )]
 pub struct Arguments {
     /// Files with a log each; - reads stdin

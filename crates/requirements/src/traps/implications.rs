@@ -46,8 +46,8 @@ pub(super) fn find(tree: &Tree<'_>, context: &Context, analysis: &Analysis, foun
     }
 }
 
-/// Returns condition and consequence of an implication. `not p or q` is one; `q or not p` names what
-/// may come instead, as "the response or the end of the scope".
+/// Returns condition and consequence of an implication. `not p or q` is one; `q or not p` names
+/// what may come instead, as "the response or the end of the scope".
 fn implication(tree: &Tree<'_>, node: usize) -> Option<[usize; 2]> {
     let &[left, right] = &tree.nodes[node].operands[..] else { return None };
     match tree.operator(node)? {

@@ -100,8 +100,19 @@ pub fn start_traps(formula: &Formula) -> Vec<FormulaTrap> {
 /// ```
 pub fn certainty(formula: &Formula) -> Option<&'static str> {
     let tree = Tree::new(formula);
-    let is_certain = ranges::analyze(&tree)?.fails.last()?.is_empty();
-    is_certain.then_some("it holds whatever the values of its signals are")
+    let analysis = ranges::analyze(&tree)?;
+    let mut is_certain: Vec<bool> = Vec::with_capacity(tree.nodes.len());
+    for (index, node) in tree.nodes.iter().enumerate() {
+        let of = |operand: usize| is_certain[node.operands[operand]];
+        is_certain.push(match tree.operator(index) {
+            // What fails at no sample never fails.
+            Some("always" | "historically") => of(0),
+            Some("and") => of(0) && of(1),
+            Some("or") => of(0) || of(1) || analysis.fails[index].is_empty(),
+            _ => analysis.fails[index].is_empty(),
+        });
+    }
+    is_certain.last()?.then_some("it holds whatever the values of its signals are")
 }
 
 /// Returns the traps in a formula.
