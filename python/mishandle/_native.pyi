@@ -280,7 +280,7 @@ class Simulator:
 class Target:
     def __new__(
         cls, call: str, system: str, *, simulate: Callable[[list[Request]], list[Outcome]],
-        painter: Any = None
+        painter: Any = None, mover: Any = None
     ) -> Target: ...
     @property
     def axes(self) -> str: ...

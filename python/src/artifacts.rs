@@ -12,13 +12,14 @@ use mishandle::run::answer_of_run;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
 use mishandle_cli::words::shell_command;
-use mishandle_report::{Measurement, Painter, RunReport, page};
+use mishandle_report::{Measurement, Mover, Painter, RunReport, page};
+use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
 use crate::call::settings;
-use crate::run::{run_report, samples_of};
+use crate::run::{Contents, contents_of, replay_text, run_report};
 use crate::target::{PyTarget, keep};
 use crate::work::{self, detached, json, recorded};
 use crate::{MishandleError, raised};
@@ -26,7 +27,7 @@ use crate::{MishandleError, raised};
 /// Returns a report of a run as HTML, measured with the target.
 #[pyfunction]
 pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, call: &str) -> PyResult<String> {
-    let Some(samples) = samples_of(call)? else {
+    let Some(Contents { samples, has_replay }) = contents_of(call)? else {
         let made = || Ok(page(&[run_report(&RunFile::open(&path)?, None, None)?]));
         return py.detach(made).map_err(|error: Error| raised(error));
     };
@@ -40,6 +41,14 @@ pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, call: &str) -> P
             .measure_with(&run, &resolved, painter, samples, |_, _| work::report(target, None, 0, 0))?;
         if let Measurement::Skipped { reason } = &measured {
             report.note_no_simulations(reason);
+        } else if has_replay {
+            let mut mover = target.mover.as_ref().map(|mover| PythonMover { target, mover });
+            let mover = mover.as_mut().map(|mover| -> &mut dyn Mover { mover });
+            let command = |(trial, number)| replay_text(&run, trial, number);
+            let watch = |_, _| work::report(target, None, 0, 0);
+            if let Err(error) = report.record_replay_with(&run, &resolved, mover, command, watch) {
+                report.note_no_replay(&error);
+            }
         }
         Ok(page(&[report]))
     })
@@ -65,15 +74,42 @@ impl Painter for PythonPainter<'_> {
             let pictures: Vec<PyBackedBytes> = pictures.extract(py)?;
             Ok(pictures.iter().map(|pixels| pixels.to_vec()).collect())
         });
-        taken.map_err(|exception| {
-            let is_mistake = Python::attach(|py| {
-                let is_ours = exception.is_instance_of::<MishandleError>(py);
-                is_ours || !exception.is_instance_of::<PyException>(py)
-            });
-            // A renderer that fails, without a display for instance, costs the pictures alone.
-            if is_mistake { keep(&self.target.pending, exception).to_string() } else { exception.to_string() }
-        })
+        // A renderer that fails, without a display for instance, costs the pictures alone.
+        taken.map_err(|exception| problem(self.target, exception))
     }
+}
+
+/// A system in Python that says where its bodies are.
+struct PythonMover<'a> {
+    target: &'a PyTarget,
+    mover: &'a Py<PyAny>,
+}
+
+impl Mover for PythonMover<'_> {
+    fn begin(&mut self) {
+        let started = Python::attach(|py| self.mover.call_method0(py, "begin").map(drop));
+        if let Err(exception) = started {
+            keep(&self.target.pending, exception);
+        }
+    }
+
+    fn take(&mut self) -> Result<(String, Vec<Vec<f64>>), String> {
+        let taken: PyResult<_> = Python::attach(|py| {
+            let taken = self.mover.call_method0(py, "take")?;
+            let (scene, poses): (String, PyReadonlyArray2<'_, f64>) = taken.extract(py)?;
+            Ok((scene, poses.as_array().rows().into_iter().map(|row| row.to_vec()).collect()))
+        });
+        taken.map_err(|exception| problem(self.target, exception))
+    }
+}
+
+/// Returns the text of an exception, and keeps one that must end the page: a mistake of the caller,
+/// or one that ends programs.
+fn problem(target: &PyTarget, exception: PyErr) -> String {
+    let must_end = Python::attach(|py| {
+        exception.is_instance_of::<MishandleError>(py) || !exception.is_instance_of::<PyException>(py)
+    });
+    if must_end { keep(&target.pending, exception).to_string() } else { exception.to_string() }
 }
 
 /// Steps of a survival curve, numbers of simulations at which trials were censored, and number of

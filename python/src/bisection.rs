@@ -13,7 +13,7 @@ use mishandle_report::{BisectionEvidence, ViolatedCounterexamples, bisection_pag
 use pyo3::prelude::*;
 
 use crate::call::Call;
-use crate::run::{NOT_SIMULATED, run_report, samples_of};
+use crate::run::{Contents, NOT_SIMULATED, contents_of, run_report};
 use crate::work::json;
 use crate::{InvalidStateError, InvalidValueError, raised};
 
@@ -79,17 +79,19 @@ fn report(progress: Option<&Py<PyAny>>, done: BisectionProgress<'_>) -> PyResult
 /// Returns the page about the document of a bisection as HTML.
 #[pyfunction]
 pub fn bisection_report(py: Python<'_>, document: &str, call: &str) -> PyResult<String> {
-    let samples = samples_of(call)?;
+    let contents = contents_of(call)?;
     let found: Bisection =
         serde_json::from_str(document).map_err(|error| InvalidValueError::new_err(error.to_string()))?;
-    let violated = |neighbors: [&BisectedCandidate; 2]| match samples {
+    let violated = |neighbors: [&BisectedCandidate; 2]| match contents {
         None => Some(ViolatedCounterexamples::skipped(neighbors[1], NOT_SIMULATED)),
-        Some(_) => ViolatedCounterexamples::simulate(neighbors, false, || false),
+        Some(Contents { has_replay, .. }) => {
+            ViolatedCounterexamples::simulate(neighbors, has_replay, || false)
+        }
     };
     py.detach(|| {
         let read = |path: &Path| -> Result<_, Error> {
             let run = RunFile::open(path)?;
-            let report = run_report(&run, None, samples)?;
+            let report = run_report(&run, None, contents)?;
             Ok(Some((run, report)))
         };
         let evidence = BisectionEvidence::collect(&found, violated, read, shell_command);

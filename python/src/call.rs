@@ -38,7 +38,10 @@ fn is_read(question: &str, key: &str) -> bool {
             is_of_formula || keys.iter().any(|known| key.starts_with(known))
         }
         "explain" => is_moved || key == "report.axes",
-        "report" => ["report.simulations", "report.probes", "report.sensitivity"].contains(&key),
+        "report" => {
+            let keys = ["simulations", "probes", "sensitivity", "replay"];
+            key.strip_prefix("report.").is_some_and(|key| keys.contains(&key))
+        }
         "export" => ["regress.minimize", "regress.budget"].contains(&key),
         "evidence" | "to_rerun" => is_moved,
         "verify_evidence" => key == "evidence.replay",

@@ -11,7 +11,7 @@ use mishandle_report::{HardenedModes, hardening_page};
 use pyo3::prelude::*;
 
 use crate::call::Call;
-use crate::run::{NOT_SIMULATED, run_report, samples_of};
+use crate::run::{Contents, NOT_SIMULATED, contents_of, run_report};
 use crate::work::json;
 use crate::{InvalidStateError, gpu, raised};
 
@@ -67,18 +67,20 @@ fn report(progress: Option<&Py<PyAny>>, done: &HardenProgress) -> PyResult<()> {
 /// Returns the report of a finished hardening as HTML.
 #[pyfunction]
 pub fn hardening_report(py: Python<'_>, folder: PathBuf, call: &str) -> PyResult<String> {
-    let samples = samples_of(call)?;
+    let contents = contents_of(call)?;
     let found = finished(&folder).map_err(raised)?.ok_or_else(|| {
         InvalidStateError::new_err("the hardening is not finished; continue it with `resume=True`")
     })?;
     let made = || -> Result<String, Error> {
         let runs = final_runs(&folder, &found);
         let reports = runs.iter().map(|FinalRun { run, controller }| {
-            run_report(&RunFile::open(run)?, Some(&controller.to_string_lossy()), samples)
+            run_report(&RunFile::open(run)?, Some(&controller.to_string_lossy()), contents)
         });
-        let failures = match samples {
+        let failures = match contents {
             None => HardenedModes::skipped(NOT_SIMULATED),
-            Some(_) => HardenedModes::simulate(&folder, &found, false, || false).unwrap_or_default(),
+            Some(Contents { has_replay, .. }) => {
+                HardenedModes::simulate(&folder, &found, has_replay, || false).unwrap_or_default()
+            }
         };
         Ok(hardening_page(&found, &failures, &reports.collect::<Result<Vec<_>, _>>()?, None, shell_command))
     };

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use mishandle::MishandleError;
 use mishandle::plan::{ReportSettings, Settings};
+use mishandle::replay::replay_command;
 use mishandle::store::RunFile;
 use mishandle_cli::words::shell_command;
 use mishandle_report::{Measurement, RunReport, Samples, page};
@@ -161,35 +162,62 @@ impl PyRun {
 
     /// Returns a report as HTML.
     fn report(&self, py: Python<'_>, call: &str) -> PyResult<String> {
-        let samples = samples_of(call)?;
+        let contents = contents_of(call)?;
         py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-            let report = run_report(&run, None, samples)?;
+            let report = run_report(&run, None, contents)?;
             Ok(page(&[report]))
         })
         .map_err(|error: MishandleError| raised(error))
     }
 }
 
-/// Returns how much a page simulates by the settings of a call; `None`: nothing.
-pub(crate) fn samples_of(call: &str) -> PyResult<Option<Samples>> {
-    let ReportSettings { simulations, probes, sensitivity, repeats, .. } = settings(call)?.report;
-    Ok(simulations.then_some(Samples { probes, sensitivity, repeats }))
+/// The simulated parts of a page.
+#[derive(Clone, Copy)]
+pub(crate) struct Contents {
+    pub samples: Samples,
+    /// Whether it has a 3-D replay.
+    pub has_replay: bool,
 }
 
-/// Returns the report of a run. Without `samples`, nothing is simulated.
+/// Returns what a page simulates by the settings of a call; `None`: nothing.
+pub(crate) fn contents_of(call: &str) -> PyResult<Option<Contents>> {
+    let ReportSettings { simulations, probes, sensitivity, repeats, replay, .. } = settings(call)?.report;
+    let samples = Samples { probes, sensitivity, repeats };
+    Ok(simulations.then_some(Contents { samples, has_replay: replay }))
+}
+
+/// Returns the report of a run. Without `contents`, nothing is simulated.
 pub(crate) fn run_report(
     run: &RunFile,
     controller: Option<&str>,
-    samples: Option<Samples>,
+    contents: Option<Contents>,
 ) -> Result<RunReport, MishandleError> {
     let mut report = RunReport::load(run, &run.path().to_string_lossy(), None, shell_command)?;
-    let measured = match samples {
-        Some(samples) => report.measure(run, controller, samples, |_, _| ControlFlow::Continue(()))?,
+    let measured = match contents {
+        Some(Contents { samples, .. }) => {
+            report.measure(run, controller, samples, |_, _| ControlFlow::Continue(()))?
+        }
         None => Measurement::Skipped { reason: NOT_SIMULATED.to_string() },
     };
     if let Measurement::Skipped { reason } = &measured {
         report.note_no_simulations(reason);
+    } else if contents.is_some_and(|contents| contents.has_replay) {
+        let watch = |_, _| ControlFlow::Continue(());
+        if let Err(error) = report.record_replay(
+            run,
+            controller,
+            None,
+            |(trial, number)| replay_text(run, trial, number),
+            watch,
+        ) {
+            report.note_no_replay(&error);
+        }
     }
     Ok(report)
+}
+
+/// Returns what simulates a simulation of a run again.
+pub(crate) fn replay_text(run: &RunFile, trial: u32, number: u32) -> String {
+    shell_command(&replay_command(&run.header().target.kind, run.path(), trial, number))
 }

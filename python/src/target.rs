@@ -115,6 +115,8 @@ pub struct PyTarget {
     pub(crate) pending: Pending,
     /// Draws pictures of simulations, if the system has pictures.
     pub(crate) painter: Option<Arc<Py<PyAny>>>,
+    /// Says where bodies are in simulations, if the system has a scene.
+    pub(crate) mover: Option<Arc<Py<PyAny>>>,
     process: u32,
 }
 
@@ -122,8 +124,14 @@ pub struct PyTarget {
 impl PyTarget {
     /// Makes the target of a system in Python, for a call.
     #[new]
-    #[pyo3(signature = (call, system, *, simulate, painter=None))]
-    fn new(call: &str, system: &str, simulate: Py<PyAny>, painter: Option<Py<PyAny>>) -> PyResult<Self> {
+    #[pyo3(signature = (call, system, *, simulate, painter=None, mover=None))]
+    fn new(
+        call: &str,
+        system: &str,
+        simulate: Py<PyAny>,
+        painter: Option<Py<PyAny>>,
+        mover: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
         let call = Call::read(call)?;
         call.check_keys(&[])?;
         let SystemDocument {
@@ -200,9 +208,9 @@ impl PyTarget {
             axes: BTreeMap::new(),
             ..call.plan
         };
-        let painter = painter.map(Arc::new);
+        let (painter, mover) = (painter.map(Arc::new), mover.map(Arc::new));
         let made = PyTarget::of_parts(target, plan, call.settings, space, pending);
-        Ok(PyTarget { painter, ..made })
+        Ok(PyTarget { painter, mover, ..made })
     }
 
     /// Axes of the space. A nominal value of `None` is drawn with the seed of the simulation.
@@ -232,7 +240,7 @@ impl PyTarget {
 }
 
 impl PyTarget {
-    /// Makes a target without pictures.
+    /// Makes a target without pictures and scene.
     pub(crate) fn of_parts(
         target: Target,
         plan: Plan,
@@ -240,7 +248,8 @@ impl PyTarget {
         space: Space,
         pending: Pending,
     ) -> PyTarget {
-        PyTarget { target, plan, settings, space, pending, painter: None, process: std::process::id() }
+        let process = std::process::id();
+        PyTarget { target, plan, settings, space, pending, painter: None, mover: None, process }
     }
 
     /// Returns the plan of single simulations.

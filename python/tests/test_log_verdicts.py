@@ -470,8 +470,10 @@ class SeveralLogs(Logs):
             [(each.log, each.name, each.robustness) for each in found.verdicts], expected
         )
         self.assertEqual((found.robustness, found.violated), (-5.0, True))
-        lines = str(found).splitlines()
-        self.assertEqual((len(lines), lines[1].split()[:3]), (9, ["log", "4", "low"]))
+        # A headline and the head of the table stand before the verdicts.
+        lines = [line for line in str(found).splitlines() if line]
+        self.assertTrue(lines[0].startswith("FAILS  8 verdicts of 4 logs: 2 violated"), lines[0])
+        self.assertEqual((len(lines), lines[2].split()[:3]), (10, ["log", "4", "low"]))
         self.assertEqual(
             list(pandas.DataFrame(found.verdicts)["robustness"]), [value for *_, value in expected]
         )

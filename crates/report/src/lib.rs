@@ -82,7 +82,7 @@ pub use markdown::markdown;
 pub use measure::{Measurement, Samples};
 pub use page::{Document, page, replay_page};
 pub use pictures::{PICTURE, Painter};
-pub use replay::Recording;
+pub use replay::{Mover, Recording};
 pub use violated_counterexamples::ViolatedCounterexamples;
 
 /// Colors of the charts. `page.css` has the color of each in both themes.

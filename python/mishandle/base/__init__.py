@@ -1,1 +1,1 @@
-"""What every other package may use: files, time limits, hashes of code, pictures."""
+"""What every other package may use: files, time limits, hashes of code, pictures, scenes."""

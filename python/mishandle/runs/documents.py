@@ -98,8 +98,8 @@ class Reported:
             File to write; an existing file is replaced.
         plan : dict, optional
             Rare settings: ``{"report": {"simulations": False}}`` leaves out what takes simulations
-            (sizes of failing patches, repeats with other seeds, noise, corners). ``mishandle report
-            --help`` lists the keys.
+            (sizes of failing patches, repeats with other seeds, noise, corners), ``{"report":
+            {"replay": True}}`` adds a 3-D replay. ``mishandle report --help`` lists the keys.
         """
         write_text(path, self._page(Call("report", {"plan": plan}).text()))
 

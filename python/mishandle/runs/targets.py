@@ -21,6 +21,7 @@ from mishandle.base.keywords import check_options
 from mishandle.base.limits import check_time_limit
 from mishandle.base.packages import package_of
 from mishandle.base.pictures import Painter
+from mishandle.base.scenes import Mover
 from mishandle.cluster import RayExecutor
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.logs.formulas import Formula
@@ -300,14 +301,17 @@ def make_target(
             "components": components, "not_covered": not_covered,
             "versions": _versions(under_test, found, version), "random_axes": random_axes
         }),
-        # Pictures are drawn here, also if a cluster simulates.
+        # Pictures and poses are made here, also if a cluster simulates.
         simulate=lambda batch: [
             outcome.to_native()
-            for outcome in (under_test if local.recording is None else local).simulate([
+            for outcome in (
+                under_test if local.recording is None and local.motion is None else local
+            ).simulate([
                 Request(*each) for each in batch
             ])
         ],
         painter=Painter(local) if local.has_pictures else None,
+        mover=Mover(local) if local.has_scene else None,
     )
     return Target(
         native, under_test, space, largest_difference, not_covered=not_covered, probes=probes

@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 
 from mishandle.base.limits import check_time_limit, limited
+from mishandle.base.scenes import has_model
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError, TimeLimitExceeded
 from mishandle.policies.kinds import Policy, as_policy, start
 from mishandle.policies.servers import Rows
@@ -171,6 +172,7 @@ class EnvironmentSystem(PolicySystem):
             )
         super().__init__(first, policy, space, **options)
         self.has_pictures = first.render_mode == "rgb_array"
+        self.has_scene = has_model(first.unwrapped)
 
     def __getstate__(self) -> dict[str, Any]:
         # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is
@@ -307,10 +309,13 @@ class _Row:
         self._samples.append(sample)
 
     def _draw(self) -> None:
-        """Draws the last sample if a report asks for it. Its time does not count."""
-        recording = self._system.recording
+        """Draws the last sample, and notes where its bodies are, if a report asks for it. The time
+        of this does not count."""
+        recording, motion = self._system.recording, self._system.motion
         if recording is not None and self._samples:
             recording.add(self._steps, self._environment.render)
+        if motion is not None and self._samples:
+            motion.add(self._steps, self._unwrapped)
 
     def draw(self) -> Any:
         """Returns a picture for the policy; ``None`` after the end."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 from mishandle.base.pictures import Recording
+from mishandle.base.scenes import Motion
 from mishandle.errors import TimeLimitExceeded
 from mishandle.scenarios.lines import FaultLine
 from mishandle.scenarios.requests import Request, Scenario
@@ -70,6 +71,10 @@ class System:
     """Whether it can draw its simulations."""
     recording: Recording | None = None
     """Pictures that the next simulation draws."""
+    has_scene: bool = False
+    """Whether it has bodies whose poses a 3-D replay shows."""
+    motion: Motion | None = None
+    """Poses that the next simulation notes."""
 
     @property
     def random_axes(self) -> list[str]:

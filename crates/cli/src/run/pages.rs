@@ -228,7 +228,7 @@ pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Opti
             match replay {
                 Ok(Recording::Interrupted) => return Ok(None),
                 Ok(Recording::Done | Recording::Nothing) => {}
-                Err(error) => report.add_note(format!("The 3-D replay is missing: {error}.")),
+                Err(error) => report.note_no_replay(&error),
             }
         }
         Measurement::Done => {}

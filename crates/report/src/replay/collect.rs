@@ -4,16 +4,19 @@ use std::ops::ControlFlow;
 
 use mishandle::falsification::off_nominal;
 use mishandle::inspect::{Failure, explain_episode};
-use mishandle::picture::{ExampleSimulation, replay_states_with, simulate_states};
+use mishandle::picture::{replay_states_with, simulate_states};
+use mishandle::replay::{ReplayResult, replay_with};
 use mishandle::resolve::{Moved, has_scene, named_scenario, picture_model, recorded_plan};
 use mishandle::results::{Answer, Trial};
-use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed};
+use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed};
 use mishandle::store::{RunFile, Simulation};
-use mishandle::{Compared, MishandleError, ResolvedPlan};
+use mishandle::{Compared, MishandleError, ResolvedPlan, RunError};
 use serde_json::json;
 
 use super::MAX_BYTES;
-use super::recorder::{Entry, GHOST, Recorder};
+use super::moved::{MovedSystem, Mover};
+use super::recorder::{Entry, Filmed, GHOST, Recorder};
+use super::scene::SceneReader;
 use crate::RunReport;
 use crate::html::short;
 use crate::space::value_text;
@@ -28,6 +31,10 @@ const PARTS: usize = 4;
 
 /// Largest number of failures that are simulated again beside those that are always shown.
 const FAILURES: usize = 60;
+
+/// The note about shapes that an axis changes.
+const CHANGED: &str = "An axis changes shapes of the scene: the 3-D replay draws those of its first \
+                       simulation in all.";
 
 /// Largest number of axis values in the title of a simulation.
 const TITLE_VALUES: usize = 3;
@@ -56,6 +63,14 @@ struct Chosen {
     sweep: Option<(usize, Vec<(f64, usize)>)>,
     /// Number of the first simulations, which are shown however large the page is.
     always: usize,
+}
+
+/// The model or system that has the states of simulations.
+enum Scenery<'a> {
+    /// The model of the target.
+    Own,
+    /// A system that is not part of this program.
+    Moved(MovedSystem<'a>),
 }
 
 /// How the recording of a replay ended.
@@ -91,24 +106,73 @@ impl RunReport {
         if !has_scene(&run.header().target.kind) {
             return Ok(Recording::Nothing);
         }
-        let header = run.header();
-        let resolved = recorded_plan(header, moved)?;
-        let Chosen { shown, sweep, always } = self.chosen(run, &resolved, only)?;
+        let resolved = recorded_plan(run.header(), moved)?;
+        self.record(run, &resolved, Scenery::Own, only, command, &mut watch)
+    }
+
+    /// Like [`record_replay`](Self::record_replay) of the whole run, with a target that the caller
+    /// has resolved. One without a scene needs a `mover`.
+    ///
+    /// # Errors
+    /// If a simulation cannot be run or differs from its record.
+    pub fn record_replay_with(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        mover: Option<&mut dyn Mover>,
+        command: impl Fn((u32, u32)) -> String,
+        mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<Recording, MishandleError> {
+        let scenery = match mover {
+            _ if has_scene(&run.header().target.kind) => Scenery::Own,
+            Some(mover) => Scenery::Moved(MovedSystem::new(mover)),
+            None => return Ok(Recording::Nothing),
+        };
+        self.record(run, resolved, scenery, None, command, &mut watch)
+    }
+
+    /// Says on the page why it has no replay.
+    pub fn note_no_replay(&mut self, error: &MishandleError) {
+        self.add_note(format!("The 3-D replay is missing: {error}."));
+    }
+
+    fn record(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        mut scenery: Scenery<'_>,
+        only: Option<(u32, u32)>,
+        command: impl Fn((u32, u32)) -> String,
+        watch: &mut dyn FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<Recording, MishandleError> {
+        let Chosen { shown, sweep, always } = self.chosen(run, resolved, only)?;
         if shown.is_empty() {
             return Ok(Recording::Nothing);
         }
-        let mut recorder = Recorder::new(&picture_model(&resolved.plan.target)?, header)?;
+        let mut recorder = None;
         let most = shown.len().min(always + FAILURES);
         for (index, simulation) in shown.iter().enumerate().take(most) {
             if watch(index as u64, most as u64).is_break() {
                 return Ok(Recording::Interrupted);
             }
             let Shown { role, title, row, source } = simulation;
-            let simulated = simulate(run, &resolved, source)?;
+            let (episode, states) = scenery.simulate(run, resolved, source)?;
+            let explained = explain_episode(resolved, &episode).ok();
+            let explanation = explained.as_ref().map(|(_, explained)| &explained.explanation);
+            let filmed = Filmed { episode: &episode, states: &states, explanation };
             let limit = if index < always { usize::MAX } else { MAX_BYTES };
-            if !recorder.add(Entry { role, title, row: *row, simulation: &simulated }, limit) {
+            let recorder = match &mut recorder {
+                Some(recorder) => recorder,
+                // Only its first simulation says what the scene of another system is.
+                None => recorder.insert(Recorder::new(scenery.reader(resolved)?, run.header())),
+            };
+            if !recorder.add(Entry { role, title, row: *row, filmed }, limit) {
                 break;
             }
+        }
+        let Some(recorder) = recorder else { return Ok(Recording::Nothing) };
+        if matches!(&scenery, Scenery::Moved(system) if system.changes) {
+            self.add_note(CHANGED);
         }
         let shown_count = recorder.len();
         let left = shown.get(shown_count).and_then(|shown| shown.row);
@@ -278,21 +342,47 @@ fn values(axis: &Axis, nominal: f64, minimal: f64) -> Vec<f64> {
     values
 }
 
-fn simulate(
-    run: &RunFile,
-    resolved: &ResolvedPlan,
-    source: &Source,
-) -> Result<ExampleSimulation, MishandleError> {
-    let (episode, trajectory) = match source {
-        Source::Row(trial, number) => {
-            let (replayed, trajectory) = replay_states_with(run, *trial, *number, resolved)?;
-            if !replayed.differences.is_empty() {
-                return Err(MishandleError::differs(Compared::Plan, replayed.differences));
+impl Scenery<'_> {
+    /// Simulates again. Returns the states of the episode, too.
+    fn simulate(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        source: &Source,
+    ) -> Result<(Episode, Vec<Vec<f64>>), MishandleError> {
+        match (self, source) {
+            (Scenery::Own, Source::Row(trial, number)) => {
+                let (replayed, trajectory) = replay_states_with(run, *trial, *number, resolved)?;
+                Ok((same(replayed)?, trajectory.states))
             }
-            (replayed.episode, trajectory)
+            (Scenery::Own, Source::New(request)) => {
+                let (episode, trajectory) = simulate_states(resolved, request)?;
+                Ok((episode, trajectory.states))
+            }
+            (Scenery::Moved(system), source) => system.simulate(|| match source {
+                Source::Row(trial, number) => same(replay_with(run, *trial, *number, resolved)?),
+                Source::New(request) => {
+                    let episode = resolved.system()?.rollout(std::slice::from_ref(request))?.pop();
+                    episode.ok_or(MishandleError::Run(RunError::NoEpisode))
+                }
+            }),
         }
-        Source::New(request) => simulate_states(resolved, request)?,
-    };
-    let explained = explain_episode(resolved, &episode).ok();
-    Ok(ExampleSimulation { episode, trajectory, explained })
+    }
+
+    /// Returns the reader of the scene, once there is a simulation.
+    fn reader(&self, resolved: &ResolvedPlan) -> Result<SceneReader, MishandleError> {
+        match self {
+            Scenery::Own => SceneReader::new(&picture_model(&resolved.plan.target)?),
+            Scenery::Moved(system) => system.reader(),
+        }
+    }
+}
+
+/// Returns the episode of a replay, unless it differs from its record.
+fn same(replayed: ReplayResult) -> Result<Episode, MishandleError> {
+    if replayed.differences.is_empty() {
+        Ok(replayed.episode)
+    } else {
+        Err(MishandleError::differs(Compared::Plan, replayed.differences))
+    }
 }

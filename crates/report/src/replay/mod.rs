@@ -3,12 +3,14 @@
 use sha2::{Digest, Sha256};
 
 mod collect;
+mod moved;
 mod pack;
 mod recorder;
 mod scene;
 mod simplify;
 
 pub use collect::Recording;
+pub use moved::Mover;
 
 use crate::html::base64;
 

@@ -4,9 +4,9 @@ use mishandle::MishandleError;
 use mishandle::inspect::{Explanation, unit};
 use mishandle::picture::ExampleSimulation;
 use mishandle::resolve::recorded_picture;
+use mishandle::rollout::Episode;
 use mishandle::stl::{Clock, Formula, Monitor};
 use mishandle::store::RunHeader;
-use mishandle::world::PictureModel;
 use mishandle_text::instant;
 use serde_json::{Value, json};
 
@@ -34,7 +34,23 @@ pub struct Entry<'a> {
     pub title: &'a str,
     /// Trial and number of the row whose links lead to it.
     pub row: Option<(u32, u32)>,
-    pub simulation: &'a ExampleSimulation,
+    pub filmed: Filmed<'a>,
+}
+
+/// An episode with its states, and why it fails.
+#[derive(Clone, Copy)]
+pub struct Filmed<'a> {
+    pub episode: &'a Episode,
+    pub states: &'a [Vec<f64>],
+    pub explanation: Option<&'a Explanation>,
+}
+
+impl<'a> From<&'a ExampleSimulation> for Filmed<'a> {
+    fn from(simulated: &'a ExampleSimulation) -> Filmed<'a> {
+        let ExampleSimulation { episode, trajectory, explained } = simulated;
+        let explanation = explained.as_ref().map(|(_, explained)| &explained.explanation);
+        Filmed { episode, states: &trajectory.states, explanation }
+    }
 }
 
 /// Collects the data of a replay.
@@ -53,23 +69,20 @@ pub struct Recorder<'a> {
 
 impl<'a> Recorder<'a> {
     /// Begins a replay of simulations with this header.
-    ///
-    /// # Errors
-    /// If MuJoCo rejects the model.
-    pub fn new(model: &PictureModel, header: &'a RunHeader) -> Result<Recorder<'a>, MishandleError> {
+    pub fn new(reader: SceneReader, header: &'a RunHeader) -> Recorder<'a> {
         let formula = Formula::parse(&header.formula).ok();
         let mut predicates = formula.as_ref().map_or(Vec::new(), predicates);
         predicates.truncate(PREDICATES);
-        Ok(Recorder {
+        Recorder {
             header,
-            reader: SceneReader::new(model)?,
+            reader,
             predicates,
             signals: signals(header, formula.as_ref()),
             scene: None,
             blocks: vec![Vec::new()],
             facts: Vec::new(),
             size: 0,
-        })
+        }
     }
 
     /// Returns the number of simulations.
@@ -81,10 +94,10 @@ impl<'a> Recorder<'a> {
     /// page opens, frames the first view.
     pub fn add(&mut self, entry: Entry<'_>, limit: usize) -> bool {
         if self.scene.is_none() {
-            self.scene = Some(self.reader.data(&framing(entry.simulation)));
+            self.scene = Some(self.reader.data(&framing(entry.filmed)));
         }
         let Recorder { header, reader, predicates, signals, .. } = self;
-        let data = encoded(reader, header, entry.simulation, predicates, signals);
+        let data = encoded(reader, header, entry.filmed, predicates, signals);
         self.size += 4 * data.len().div_ceil(3);
         if self.size > limit {
             return false;
@@ -122,24 +135,20 @@ impl Replay {
         titles: [&str; 2],
         simulations: [&ExampleSimulation; 2],
     ) -> Result<Option<Replay>, MishandleError> {
-        let mut recorder = Recorder::new(&recorded_picture(header)?, header)?;
+        let mut recorder = Recorder::new(SceneReader::new(&recorded_picture(header)?)?, header);
         for ((role, title), simulation) in ["minimal", GHOST].into_iter().zip(titles).zip(simulations) {
-            recorder.add(Entry { role, title, row: None, simulation }, usize::MAX);
+            recorder.add(Entry { role, title, row: None, filmed: simulation.into() }, usize::MAX);
         }
         let nothing: [(); 0] = [];
         Ok(recorder.finish(json!({ "ghost": titles[1], "failures": 0, "missing": 0, "sweep": nothing })))
     }
 }
 
-fn explanation(simulated: &ExampleSimulation) -> Option<&Explanation> {
-    simulated.explained.as_ref().map(|(_, explained)| &explained.explanation)
-}
-
 /// Returns states that the first view shows: those until nothing can satisfy the requirement. What
 /// falls flies far after that.
-fn framing(simulated: &ExampleSimulation) -> Vec<&[f64]> {
-    let states = &simulated.trajectory.states;
-    let explanation = explanation(simulated).filter(|_| simulated.episode.is_violated());
+fn framing(filmed: Filmed<'_>) -> Vec<&[f64]> {
+    let Filmed { episode, states, explanation } = filmed;
+    let explanation = explanation.filter(|_| episode.is_violated());
     let decided = explanation.and_then(|explanation| explanation.decided);
     let end = decided.map_or(states.len(), |sample| (sample + 1).min(states.len()));
     let states = &states[..end];
@@ -159,9 +168,9 @@ fn signals(header: &RunHeader, formula: Option<&Formula>) -> Vec<(String, String
 
 /// Returns what the page says about a simulation.
 fn fact(header: &RunHeader, entry: &Entry<'_>) -> Value {
-    let episode = &entry.simulation.episode;
+    let Filmed { episode, explanation, .. } = entry.filmed;
     let robustness = episode.robustness();
-    let decided = explanation(entry.simulation).and_then(|explanation| explanation.decided);
+    let decided = explanation.and_then(|explanation| explanation.decided);
     let note = match (episode.is_violated(), robustness, decided) {
         (true, Some(rho), Some(sample)) => {
             format!("fails: lost from {} on, robustness {}", instant(sample, header.control_dt), number(rho))
@@ -183,12 +192,11 @@ fn fact(header: &RunHeader, entry: &Entry<'_>) -> Value {
 fn encoded(
     reader: &mut SceneReader,
     header: &RunHeader,
-    simulated: &ExampleSimulation,
+    filmed: Filmed<'_>,
     predicates: &[String],
     signals: &[(String, String)],
 ) -> Vec<u8> {
-    let ExampleSimulation { episode, trajectory, .. } = simulated;
-    let states = &trajectory.states;
+    let Filmed { episode, states, explanation } = filmed;
     let mut columns = reader.motion(states);
     let integers = columns.end();
     let mut bytes = columns.bytes;
@@ -208,7 +216,7 @@ fn encoded(
         }
     }
     signals.iter().for_each(|(name, _)| series(trace.signal(name)));
-    let violated = explanation(simulated).filter(|_| episode.is_violated());
+    let violated = explanation.filter(|_| episode.is_violated());
     let history = violated.and_then(|explanation| explanation.history.as_ref());
     let head = json!({
         "samples": states.len(),

@@ -38,6 +38,19 @@ pub struct SceneReader {
     /// The bodies that the page knows: those with a shape.
     bodies: Vec<Body>,
     shapes: Vec<Geom>,
+    /// Parts that bodies have, if the model does not say it.
+    given: Option<Roles>,
+}
+
+/// Parts that bodies have in a scene.
+#[derive(Clone)]
+pub struct Roles {
+    /// The base of the robot.
+    pub root: Body,
+    /// Whether the base moves about, so that the camera moves along.
+    pub is_mobile: bool,
+    /// Bodies with a path, the tool or the base first.
+    pub traced: Vec<Body>,
 }
 
 impl SceneReader {
@@ -59,7 +72,44 @@ impl SceneReader {
         bodies.push(model.followed_body());
         bodies.sort_unstable_by_key(|body| body.index());
         bodies.dedup();
-        Ok(SceneReader { world: model.world(), stage, surfaces: model.surfaces(), bodies, shapes })
+        Ok(SceneReader {
+            world: model.world(),
+            stage,
+            surfaces: model.surfaces(),
+            bodies,
+            shapes,
+            given: None,
+        })
+    }
+
+    /// Makes the reader of a scene whose bodies have these parts.
+    ///
+    /// # Errors
+    /// If MuJoCo rejects the document.
+    pub fn with_roles(picture: &PictureModel, roles: Roles) -> Result<SceneReader, MishandleError> {
+        let mut reader = SceneReader::new(picture)?;
+        let needed = roles.traced.iter().chain([&roles.root]).copied();
+        reader.bodies.extend(needed);
+        reader.bodies.sort_unstable_by_key(|body| body.index());
+        reader.bodies.dedup();
+        Ok(SceneReader { given: Some(roles), ..reader })
+    }
+
+    /// Returns the parts that bodies have: those given, or what joints and motors say.
+    fn roles(&self) -> Roles {
+        if let Some(roles) = &self.given {
+            return roles.clone();
+        }
+        let model = self.model();
+        let robot = model.robot_bodies();
+        let root = robot.first().copied().unwrap_or_else(|| model.body_at(0));
+        let free = |body: Body| {
+            (0..model.joint_count())
+                .any(|joint| model.joint_kind(joint) == JointKind::Free && model.body_of_joint(joint) == body)
+        };
+        let objects = self.bodies.iter().filter(|body| free(**body) && !robot.contains(body));
+        let traced = std::iter::once(model.followed_body()).chain(objects.take(OBJECTS).copied());
+        Roles { root, is_mobile: free(root), traced: traced.collect() }
     }
 
     fn model(&self) -> &Model {
@@ -125,15 +175,7 @@ impl SceneReader {
                 "color": surface.color,
             }));
         }
-        let root = model.robot_bodies().first().copied().unwrap_or_else(|| model.body_at(0));
-        let free = |body: Body| {
-            (0..model.joint_count())
-                .any(|joint| model.joint_kind(joint) == JointKind::Free && model.body_of_joint(joint) == body)
-        };
-        let mut traced = vec![self.place(model.followed_body())];
-        let robot = model.robot_bodies();
-        let objects = self.bodies.iter().filter(|body| free(**body) && !robot.contains(body));
-        traced.extend(objects.take(OBJECTS).map(|body| self.place(*body)));
+        let Roles { root, is_mobile, traced } = self.roles();
         let head = json!({
             "grid": GRID,
             "bodies": self.bodies.iter().map(name).collect::<Vec<_>>(),
@@ -144,9 +186,9 @@ impl SceneReader {
             "view": { "eye": view.position, "axes": view.axes, "fovy": view.fovy_deg.to_radians() },
             "center": center,
             "reach": reach,
-            "traced": traced,
+            "traced": traced.iter().map(|body| self.place(*body)).collect::<Vec<_>>(),
             "root": self.place(root),
-            "isMobile": free(root),
+            "isMobile": is_mobile,
         });
         floats.extend(indices);
         (head, floats)
