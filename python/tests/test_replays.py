@@ -177,7 +177,8 @@ class Replays(FolderCase):
         turn = np.zeros(9)
         mujoco.mju_quat2Mat(turn, shape["quaternion"])
         placed = hills @ turn.reshape(3, 3).T + shape["position"]
-        for found, expected in [(placed.min(axis=0), [-2, 2, -1]), (placed.max(axis=0), [2, 4, -0.8])]:
+        corners = [(placed.min(axis=0), [-2, 2, -1]), (placed.max(axis=0), [2, 4, -0.8])]
+        for found, expected in corners:
             self.assertTrue(np.allclose(found, expected, atol=1e-5), found)
 
     def test_an_axis_that_changes_shapes_has_a_note(self) -> None:

@@ -21,7 +21,6 @@ from mishandle.base.keywords import check_options
 from mishandle.base.limits import check_time_limit
 from mishandle.base.packages import package_of
 from mishandle.base.pictures import Painter
-from mishandle.base.scenes import Mover
 from mishandle.cluster import RayExecutor
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.logs.formulas import Formula
@@ -35,6 +34,7 @@ from mishandle.scenarios.arguments import (
 )
 from mishandle.scenarios.axes import Axis, axes_document
 from mishandle.scenarios.requests import Request, Scenario
+from mishandle.scenarios.scenes import Mover
 from mishandle.systems.functions import FunctionSystem
 from mishandle.systems.interface import Frames, NativeSystem, Source, System
 from mishandle.systems.processes import Process

@@ -12,7 +12,6 @@ import gymnasium
 import numpy as np
 
 from mishandle.base.limits import check_time_limit, limited
-from mishandle.base.scenes import has_model
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError, TimeLimitExceeded
 from mishandle.policies.kinds import Policy, as_policy, start
 from mishandle.policies.servers import Rows
@@ -21,6 +20,7 @@ from mishandle.scenarios.attributes import Attributes
 from mishandle.scenarios.axes import Axis, follower, parse_path
 from mishandle.scenarios.lines import Disturbed, FaultLine
 from mishandle.scenarios.requests import EarlyStop, Request
+from mishandle.scenarios.scenes import has_model
 from mishandle.scenarios.values import (
     all_numbers, check_size, idle_action, one_number, size_of
 )

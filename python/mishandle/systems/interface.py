@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 from mishandle.base.pictures import Recording
-from mishandle.base.scenes import Motion
 from mishandle.errors import TimeLimitExceeded
 from mishandle.scenarios.lines import FaultLine
 from mishandle.scenarios.requests import Request, Scenario
+from mishandle.scenarios.scenes import Motion
 from mishandle.systems.reductions import Reduced
 
 Source = Union[str, Callable[..., float], Reduced]
