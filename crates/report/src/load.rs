@@ -342,8 +342,8 @@ impl RunReport {
     }
 
     /// Returns the failure with which the page begins: the smallest disturbance of a margin, the
-    /// counterexample with the smallest cause, or that of the first mode. If nothing fails, it is
-    /// the simulation that came closest to a failure.
+    /// counterexample with the smallest cause, or the failure of the first mode. If nothing fails,
+    /// it is the simulation that came closest to a failure.
     pub(crate) fn lead(&self) -> Option<Lead<'_>> {
         let mode = || {
             let minimal = self.minimal.first().and_then(Option::as_ref);

@@ -28,7 +28,7 @@ pub struct PredicateChart<'a> {
     pub violated: Vec<[f64; 2]>,
     /// Decisive time.
     pub decisive: Option<f64>,
-    /// Whether the line is that of a failure.
+    /// Whether the line shows a failure.
     pub is_failure: bool,
     /// Meaning of the marks.
     pub caption: &'a str,

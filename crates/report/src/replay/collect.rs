@@ -33,7 +33,7 @@ const PARTS: usize = 4;
 const FAILURES: usize = 60;
 
 /// The note about shapes that an axis changes.
-const CHANGED: &str = "An axis changes shapes of the scene: the 3-D replay draws those of its first \
+const CHANGED: &str = "An axis changes shapes of the scene: the 3-D replay draws the shapes of its first \
                        simulation in all.";
 
 /// Largest number of axis values in the title of a simulation.

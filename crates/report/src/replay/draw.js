@@ -98,7 +98,7 @@ class Renderer {
       const { corners, scale: size } = solid(shape, scene.meshes);
       return { ...shape, size, ...this.buffer(corners), local: poseMatrix(shape.position, shape.quaternion) };
     });
-    // The numbers of cloths follow those of bodies.
+    // The numbers of cloths follow the numbers of bodies.
     this.cloths = scene.cloths.map((cloth, index) =>
       ({ ...cloth, ...this.buffer([]), size: [1, 1, 1], body: scene.bodies.length + index }));
     this.arrow = { ...this.buffer(arrow()), size: [1, 1, 1] };
@@ -189,7 +189,7 @@ class Renderer {
     return [...shapes, ...cloths];
   }
 
-  /** Draws placed shapes; `color` returns that of a shape. A cloth has other corners in each layer. */
+  /** Draws placed shapes; `color` returns the color of a shape. A cloth has other corners in each layer. */
   all(placed, color) {
     const { gl } = this;
     for (const { shape, model, vertices } of placed) {

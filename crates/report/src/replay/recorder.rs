@@ -126,7 +126,7 @@ impl<'a> Recorder<'a> {
 
 impl Replay {
     /// Returns the replay of a simulation with another one, the ghost, each with its title.
-    /// `header` is that of the first.
+    /// `header` belongs to the first.
     ///
     /// # Errors
     /// If MuJoCo rejects the model.
