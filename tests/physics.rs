@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use mishandle::counterexample::{Chosen, Counterexample, Preparation, export};
 use mishandle::falsification::FalsificationError;
-use mishandle::inspect::{FurtherPart, further};
+use mishandle::inspect::{FailureMode, FurtherPart, MinimalFailure, further};
 use mishandle::plan::{FalsifyPlan, ReportSettings};
 use mishandle::results::{Answer, Cause, Falsification, PhysicsCheck, SolverChange as Change, Trial};
 use mishandle::rollout::{
@@ -197,4 +197,39 @@ fn a_counterexample_that_depends_on_the_solver_is_refused_and_a_minimized_one_su
     let exported = export(&run, all, Some(preparation), |_| ControlFlow::Continue(())).unwrap();
     let left_out: Vec<bool> = exported.result.files.iter().map(|file| file.file.is_none()).collect();
     assert_eq!(left_out, labels);
+}
+
+#[test]
+fn whoever_reads_the_run_names_the_cause_of_the_search_without_a_simulation() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let resolved = toy("random", 0.05);
+    let (found, [_, made]) = falsify(&resolved, &path);
+    assert!(made > 0 && found.trials.iter().any(|trial| trial.cause.as_ref().unwrap().went_back));
+    let json = |found: &Falsification| serde_json::to_value(found).unwrap();
+    let run = RunFile::open(&path).unwrap();
+    let read: Falsification = mishandle::run::recorded_answer(&run, None).unwrap().try_into().unwrap();
+    assert_eq!(json(&read), json(&found));
+    // The failures are grouped by the same causes.
+    let modes = mishandle::inspect::failure_modes(&run).unwrap();
+    let causes: Vec<(u32, u32)> = modes
+        .modes
+        .iter()
+        .map(FailureMode::representative)
+        .filter_map(|failure| failure.cause.as_ref().map(|cause| cause.minimal))
+        .collect();
+    for trial in found.trials.iter().filter(|trial| trial.falsified) {
+        let minimal = MinimalFailure::recorded(&run, trial.trial).unwrap().unwrap();
+        assert_eq!(Some(&minimal.cause), trial.cause.as_ref());
+        let row = &minimal.explained.recorded;
+        let is_of_mode = causes.contains(&(row.trial, row.number));
+        assert!(is_of_mode || causes.iter().all(|(other, _)| *other != row.trial));
+    }
+    drop(run);
+    // Nothing is simulated twice, and the run stays as it is.
+    let bytes = std::fs::read(&path).unwrap();
+    let mut answer = Answer::Falsification(Box::new(read));
+    let watch = |part, done, _| panic!("{part:?} {done}");
+    further(&resolved, &mut answer, &ReportSettings::default(), watch).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
 }

@@ -155,7 +155,7 @@ impl PyRun {
         let found = py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
             let modes = mishandle::inspect::failure_modes(&run)?;
-            Ok(mishandle::inspect::counterexamples_result(&run, &modes))
+            mishandle::inspect::counterexamples_result(&run, &modes)
         });
         json(&found.map_err(|error: MishandleError| raised(error))?)
     }

@@ -2,9 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{PhysicsChecks, isolate, isolation_budget, off_nominal};
+use mishandle_falsification::{PhysicsChecks, isolate, isolation_budget};
 use mishandle_results::Cause;
-use mishandle_rollout::{Episode, Request, RolloutError, Scenario, Space, System};
+use mishandle_rollout::{Episode, Request, RolloutError, Space, System};
 use mishandle_store::{MAX_TRIALS, RunFile, RunHeader, Simulation};
 
 use crate::error::{MishandleError, RunError};
@@ -84,19 +84,24 @@ impl MinimalFailure {
         checks: &mut PhysicsChecks,
         watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
     ) -> Result<bool, MishandleError> {
-        let failures = self.isolation.failures();
-        let Some(survivor) = checks.nearest_survivor(&failures, watch)? else { return Ok(false) };
-        if survivor.index > 0 {
-            let row = self.isolation.failure(survivor.index).clone();
+        if self.isolation.is_checked() {
+            return Ok(true);
+        }
+        let Some(survivor) = checks.nearest_survivor(&self.isolation.failures(), watch)? else {
+            return Ok(false);
+        };
+        self.isolation = self.isolation.clone().checked(survivor);
+        if self.isolation.went_back() {
+            let row = &self.isolation.closest;
             self.explained = if self.is_recorded || (row.trial, row.number) == self.original {
                 explain(run, row.trial, row.number, None)?
             } else {
-                explained(run.header(), &row, resolved)?
+                explained(run.header(), row, resolved)?
             };
-            self.axes = off_nominal(&resolved.space, &Scenario::new(row.scenario));
+            self.axes = self.isolation.axes.clone();
         }
         let words = described(run.header(), &run.header().formula, &self.explained.trace).ok();
-        self.cause = self.isolation.clone().checked_with(survivor, |_| Ok::<_, MishandleError>(words))?;
+        self.cause = self.isolation.result_with(words);
         Ok(true)
     }
 

@@ -29,7 +29,7 @@ pub use explanation::{
 };
 pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
-pub use further::{FurtherPart, further};
+pub use further::{FurtherPart, further, further_unrecorded};
 pub use masking::masking;
 pub use minimal::MinimalFailure;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};

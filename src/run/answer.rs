@@ -7,6 +7,7 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::run::axis_rates::axis_rates;
 use crate::run::cause::isolation;
+use crate::run::findings::add_findings;
 use crate::run::requirements::requirements;
 use crate::run::vacuity;
 use crate::run::violation::{broken_formulas, recorded_violation};
@@ -27,6 +28,7 @@ pub(super) fn add_recorded_parts(
         Answer::Falsification(found) => {
             found.without_verdict = without_verdict;
             found.warnings = warnings(run)?;
+            add_findings(found, run)?;
             found.asks_nothing = asks_nothing_in(run)?;
             for trial in found.trials.iter_mut().filter(|trial| trial.falsified) {
                 let Some(simulation) = trial.simulation else { continue };

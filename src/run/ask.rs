@@ -159,15 +159,28 @@ pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result
     Ok(answer)
 }
 
-/// Returns the answer of a run as [`recorded_answer`] does: with its target if the answer depends
-/// on it, it is here, and it needs no program. `moved` has the present paths of moved files.
+/// Returns the answer of a run as [`recorded_answer`] does, with the target if it is here and needs
+/// no program: rows are compared with what it asks only if the answer depends on it, and it says
+/// what else could be tested. `moved` has the present paths of moved files.
 ///
 /// # Errors
 /// The errors of [`recorded_answer`].
 pub fn answer_of_run<'a>(run: &RunFile, moved: impl Into<Moved<'a>>) -> Result<Answer, MishandleError> {
     let header = run.header();
-    let resolved = if needs_target(header) { plan_without_program(header, moved) } else { None };
-    recorded_answer(run, resolved.as_ref())
+    let resolved = plan_without_program(header, moved);
+    if needs_target(header) {
+        return recorded_answer(run, resolved.as_ref());
+    }
+    let mut answer = recorded_answer(run, None)?;
+    let offered = resolved
+        .filter(|resolved| resolved.target.identity.hash == header.target.hash)
+        .map(|r| r.subject().offered);
+    match (&mut answer, offered) {
+        (Answer::Evaluation(found), Some(offered)) => found.subject.offered = offered,
+        (Answer::Falsification(found), Some(offered)) => found.subject.offered = offered,
+        _ => {}
+    }
+    Ok(answer)
 }
 
 /// Returns whether the answer of a run depends on more than the numbers of its rows.

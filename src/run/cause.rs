@@ -9,6 +9,7 @@ use mishandle_store::{RunFile, RunHeader, Simulation};
 
 use crate::error::MishandleError;
 use crate::resolve::named_scenario;
+use crate::run::findings::recorded_survivor;
 use crate::run::recorded_axis;
 use crate::run::violation::recorded_violation;
 
@@ -36,13 +37,15 @@ pub(crate) struct Isolation {
     /// The failing simulations from `closest` to the counterexample, the ones nearer to nominal
     /// first.
     failing: Vec<Simulation>,
+    /// Which of these survives the checks of the physics; `None` without checks.
+    survivor: Option<Survivor>,
     original: Simulation,
     rows: Vec<Simulation>,
     space: Space,
 }
 
 /// Returns the simulations that move the counterexample of a trial toward nominal; `None` if there
-/// are none.
+/// are none. The closest failure is the one that survives the recorded checks of the physics.
 ///
 /// # Errors
 /// If the run cannot be read.
@@ -60,7 +63,11 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
         }
     }
     let Some(original) = original else { return Ok(None) };
-    isolation_of(run.header(), original, rows).map(Some)
+    let isolation = isolation_of(run.header(), original, rows)?;
+    Ok(Some(match recorded_survivor(run, &isolation.failing)? {
+        Some(survivor) => isolation.checked(survivor),
+        None => isolation,
+    }))
 }
 
 /// Returns what the simulations `rows` say that moved the failure `original` of a run with this
@@ -105,7 +112,7 @@ pub(crate) fn isolation_of(
         failing.push(original.clone());
     }
     let axes = off(&closest);
-    Ok(Isolation { closest, axes, failing, original, rows, space })
+    Ok(Isolation { closest, axes, failing, survivor: None, original, rows, space })
 }
 
 /// Returns the simulation of a row as a request.
@@ -191,54 +198,35 @@ impl Isolation {
         (self.original.trial, self.original.number)
     }
 
-    /// Returns one of the [`failures`](Self::failures).
-    pub(crate) fn failure(&self, index: usize) -> &Simulation {
-        &self.failing[index]
-    }
-
     /// Returns the failing simulations, from the closest one to the counterexample.
     pub(crate) fn failures(&self) -> Vec<Request> {
         self.failing.iter().map(request).collect()
     }
 
-    /// Returns the findings with a check of the physics, for which the closest failure goes back to
-    /// the survivor of [`failures`](Self::failures).
-    ///
-    /// # Errors
-    /// If the run cannot be read.
-    pub(crate) fn checked(self, run: &RunFile, survivor: Survivor) -> Result<Cause, MishandleError> {
-        self.checked_with(survivor, |closest| recorded_violation(run, closest.trial, closest.number))
+    /// Returns whether the physics of the closest failure was checked.
+    pub(crate) fn is_checked(&self) -> bool {
+        self.survivor.is_some()
     }
 
-    /// As [`checked`](Self::checked), with what `violation` says about the closest failure.
-    pub(crate) fn checked_with<E>(
-        mut self,
-        survivor: Survivor,
-        violation: impl FnOnce(&Simulation) -> Result<Option<Violation>, E>,
-    ) -> Result<Cause, E> {
-        let Survivor { index, physics, checked } = survivor;
-        let found = self.failing.len() - 1;
-        let failure = |(index, physics): (usize, PhysicsCheck)| {
-            let Simulation { scenario, robustness, .. } = &self.failing[index];
-            CheckedFailure {
-                scenario: named_scenario(self.space.axes(), scenario),
-                robustness: robustness.unwrap_or_default().into(),
-                physics,
-            }
-        };
-        let checked = checked.into_iter().filter(|(index, _)| *index != found).map(failure).collect();
-        let went_back = index > 0;
-        if went_back {
-            self.closest = self.failing[index].clone();
-            self.axes = off_nominal(&self.space, &Scenario::new(self.closest.scenario.clone()));
-        }
-        let cause = self.result_with(violation(&self.closest)?);
-        let other_seeds = cause.other_seeds.filter(|_| !went_back);
-        Ok(Cause { other_seeds, went_back, physics: Some(physics), checked, ..cause })
+    /// Returns whether the closest failure is not the nearest one, which depends on the solver.
+    pub(crate) fn went_back(&self) -> bool {
+        self.survivor.as_ref().is_some_and(|survivor| survivor.index > 0)
     }
 
-    /// Returns how often the closest failure fails with other seeds; `None` if they have no effect.
+    /// Goes back to the survivor of [`failures`](Self::failures).
+    pub(crate) fn checked(mut self, survivor: Survivor) -> Isolation {
+        self.closest = self.failing[survivor.index].clone();
+        self.axes = off_nominal(&self.space, &Scenario::new(self.closest.scenario.clone()));
+        self.survivor = Some(survivor);
+        self
+    }
+
+    /// Returns how often the closest failure fails with other seeds; `None` if they have no effect,
+    /// or were tried on a failure nearer to nominal.
     fn other_seeds(&self) -> Option<Estimate> {
+        if self.went_back() {
+            return None;
+        }
         let others = || self.rows.iter().filter(|row| row.seed != self.original.seed);
         let failures = others().filter(|row| row.is_violated()).count() as u64;
         let undecided = others().filter(|row| row.robustness.is_none()).count() as u64;
@@ -269,6 +257,16 @@ impl Isolation {
             without_all(&mut off.iter().copied().filter(|axis| !kept.contains(axis)))
         };
         let without = |axis: usize| without_all(&mut std::iter::once(axis));
+        let found = self.failing.len() - 1;
+        let checked = |(index, physics): &(usize, PhysicsCheck)| {
+            let Simulation { scenario, robustness, .. } = &self.failing[*index];
+            CheckedFailure {
+                scenario: named_scenario(axes, scenario),
+                robustness: robustness.unwrap_or_default().into(),
+                physics: physics.clone(),
+            }
+        };
+        let checks = self.survivor.iter().flat_map(|survivor| &survivor.checked);
         Cause {
             simulations: self.rows.len() as u64,
             scenario: named_scenario(axes, &self.closest.scenario),
@@ -281,9 +279,9 @@ impl Isolation {
             necessary: self.axes_where(without, passes).map(names),
             only_on_bounds: names(self.only_on_bounds()),
             other_seeds: self.other_seeds(),
-            went_back: false,
-            physics: None,
-            checked: Vec::new(),
+            went_back: self.went_back(),
+            physics: self.survivor.as_ref().map(|survivor| survivor.physics.clone()),
+            checked: checks.filter(|(index, _)| *index != found).map(checked).collect(),
         }
     }
 }

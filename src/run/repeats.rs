@@ -17,7 +17,8 @@ use crate::run::result::repeated_result;
 
 /// Simulates each counterexample with other seeds, as often as [`Repeated::each_counterexample`]
 /// says; `requested` replaces the default of [`Repeated::Counterexample`]. Returns the reports by
-/// trial: none for a target without randomness, whose counterexamples always fail.
+/// trial: none for a target without randomness, whose counterexamples always fail, and none for a
+/// counterexample that has as many repeats.
 ///
 /// `watch` gets the number of finished simulations and of all, and can end the repeats.
 ///
@@ -33,16 +34,20 @@ pub fn counterexample_repeats(
         let scenario = Scenario::new(trial.initial_configuration.clone()?);
         Some((trial.trial, scenario, Seed(trial.seed?.0)))
     };
-    let counterexamples: Vec<(u32, Scenario, Seed)> = found
+    let mut counterexamples: Vec<(u32, Scenario, Seed)> = found
         .trials
         .iter()
         .filter(|trial| trial.falsified)
         .filter_map(minimum)
         .filter(|(_, scenario, _)| depends_on_seed(resolved, scenario))
         .collect();
-    let number = counterexamples.len() as u64;
     let requested = requested.unwrap_or(Repeated::Counterexample.simulations());
-    let each = Repeated::each_counterexample(requested, found.simulations, number);
+    let each = Repeated::each_counterexample(requested, found.simulations, counterexamples.len() as u64);
+    let is_repeated = |trial: &Trial| trial.repeats.as_ref().is_some_and(|known| known.simulations == each);
+    let repeated: Vec<u32> =
+        found.trials.iter().filter(|trial| is_repeated(trial)).map(|trial| trial.trial).collect();
+    counterexamples.retain(|(trial, ..)| !repeated.contains(trial));
+    let number = counterexamples.len() as u64;
     let mut reports = BTreeMap::new();
     if counterexamples.is_empty() || each == 0 {
         return Ok(reports);

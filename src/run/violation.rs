@@ -225,6 +225,15 @@ pub(crate) fn described(
         None => {
             found.at = Some(instant(predicate.sample));
             found.words = instead;
+            // The predicate may have been violated before.
+            let begins = |part: &DecisiveSubformula| {
+                part.operator == Some("always")
+                    && part.sample == 0
+                    && part.window.is_some_and(|(first, _)| first > 0 && first == predicate.sample)
+            };
+            if diagnosis.path.iter().any(begins) {
+                found.words.push_str(", where the requirement begins to count");
+            }
         }
     }
     Ok(found)

@@ -1,8 +1,7 @@
 //! The findings of a search.
 
 use mishandle_results::{
-    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, Repeats, SolverChange,
-    Trial, Violation,
+    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, Repeats, Trial, Violation,
 };
 use mishandle_text::{measured, plural, sample_time};
 
@@ -156,7 +155,8 @@ fn sure(found: &Falsification, trial: &Trial) -> String {
     let Trial { cause, repeats, .. } = trial;
     let physics = physics(trial);
     let is_open = physics.is_none() && has_scene(&found.subject.target_kind);
-    let open = is_open.then(|| "not simulated with another solver of the physics".to_string());
+    let open =
+        is_open.then(|| "not repeated with another physics step, collision algorithm and start".to_string());
     let known = sureness(cause.as_ref(), repeats.as_ref(), physics, is_deterministic(found, trial));
     let parts = Some(known).filter(|text| !text.is_empty()).into_iter().chain(open);
     parts.collect::<Vec<_>>().join("; ")
@@ -178,21 +178,21 @@ pub fn sureness(
             let which = if cause.is_some() { "the counterexample fails" } else { "fails" };
             Some(repeats_text(repeats).replacen("fails", which, 1))
         }
-        _ if is_deterministic => Some("no random draw changes it (deterministic)".to_string()),
+        _ if is_deterministic => Some("the same with every seed: nothing in it is random".to_string()),
         _ => None,
     };
     let seeds = seeds.map(|text| if is_luck(cause, repeats) { text + LUCK } else { text });
     let went_back = cause.is_some_and(|cause| cause.went_back);
-    let went_back = went_back.then(|| "failures nearer to nominal depend on the solver".to_string());
+    let went_back = went_back.then(|| "nearer to nominal it fails with some of these only".to_string());
     let parts = seeds.into_iter().chain(physics.map(solver_text)).chain(went_back);
     parts.collect::<Vec<_>>().join("; ")
 }
 
 /// Says whether a failure depends on the solver of the physics.
 fn solver_text(check: &PhysicsCheck) -> String {
-    let names: Vec<&str> = check.simulations.iter().map(|simulation| change(simulation.change)).collect();
+    let names: Vec<&str> = check.simulations.iter().map(|simulation| simulation.change.words()).collect();
     if check.depends_on_solver {
-        let vanishing: Vec<&str> = check.vanishing().map(|simulation| change(simulation.change)).collect();
+        let vanishing: Vec<&str> = check.vanishing().map(|simulation| simulation.change.words()).collect();
         return format!(
             "no evidence about a real robot: it vanishes with {}, so it depends on the solver",
             vanishing.join(" and with ")
@@ -202,14 +202,6 @@ fn solver_text(check: &PhysicsCheck) -> String {
         Some((last, [])) => format!("remains with {last}"),
         Some((last, others)) => format!("remains with {} and {last}", others.join(", ")),
         None => String::new(),
-    }
-}
-
-fn change(change: SolverChange) -> &'static str {
-    match change {
-        SolverChange::HalfStep => "half the physics step",
-        SolverChange::OtherCollider => "the other collider",
-        SolverChange::MovedStart => "the start moved by 1e-6",
     }
 }
 

@@ -62,7 +62,8 @@ fn a_replay_says_the_same_scenario_of_a_run_and_of_its_exported_counterexample()
         "falsify point-reaching --controller ppo --space starts+faults-sensing --search random --trials 1";
     let said = bench.check(&format!("{asked} --budget 60 --seed 1 --out run.sqlite"), 1);
     assert!(
-        unwrapped(&said).contains("remains with half the physics step, the other collider and the start"),
+        unwrapped(&said)
+            .contains("remains with half the physics step, another collision algorithm and the start"),
         "{said}"
     );
     let output = bench.run("regress suite --add run.sqlite -k regress.all=true");

@@ -76,7 +76,7 @@ pub use modes::{
     mode_distance, unit_scenario,
 };
 pub use outcome::{FalsificationOutcome, Minimum, TrialOutcome, Unevaluated};
-pub use physics::{PhysicsChecks, Survivor, physics_text};
+pub use physics::{PhysicsChecks, Survivor, nearest_survivor, physics_text};
 pub use repeat::{Repeated, measure_noise, repeat, repeat_seeds};
 pub use screened::ScreenedCounts;
 pub use trial::{SearchFactory, Trial, TrialEnd};

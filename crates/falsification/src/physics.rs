@@ -95,12 +95,8 @@ impl PhysicsChecks {
         Ok(Some(failures.iter().filter_map(|failure| self.of(failure)).collect()))
     }
 
-    /// Returns the failure nearest to nominal that survives each change. `failures` begin with the
-    /// one nearest to nominal and end with the one that was found.
-    ///
-    /// If the nearest one depends on the solver and the found one does not, it bisects between
-    /// them. If the found one depends on the solver, too, nothing is gone back to: the result is
-    /// the nearest one. Returns `None` if `watch` ends the checks.
+    /// Returns the failure nearest to nominal that survives each change: see [`nearest_survivor`].
+    /// Returns `None` if `watch` ends the checks.
     ///
     /// # Errors
     /// If a simulation cannot be run.
@@ -109,35 +105,9 @@ impl PhysicsChecks {
         failures: &[Request],
         watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
     ) -> Result<Option<Survivor>, FalsificationError> {
-        let mut checked = Vec::new();
-        let mut check = |index: usize| -> Result<Option<PhysicsCheck>, FalsificationError> {
-            let found = self.check(&failures[index..=index], watch)?.and_then(|mut found| found.pop());
-            checked.extend(found.clone().map(|found| (index, found)));
-            Ok(found)
-        };
-        let Some(nearest) = check(0)? else { return Ok(None) };
-        let mut depends = 0;
-        let mut survives = failures.len() - 1;
-        let mut survivor = nearest.clone();
-        if nearest.depends_on_solver && survives > 0 {
-            let Some(found) = check(survives)? else { return Ok(None) };
-            if found.depends_on_solver {
-                return Ok(Some(Survivor { index: 0, physics: nearest, checked }));
-            }
-            survivor = found;
-            while survives - depends > 1 {
-                let middle = depends.midpoint(survives);
-                let Some(found) = check(middle)? else { return Ok(None) };
-                if found.depends_on_solver {
-                    depends = middle;
-                } else {
-                    (survives, survivor) = (middle, found);
-                }
-            }
-        } else {
-            survives = 0;
-        }
-        Ok(Some(Survivor { index: survives, physics: survivor, checked }))
+        nearest_survivor(failures.len(), |index| {
+            Ok(self.check(&failures[index..=index], watch)?.and_then(|mut found| found.pop()))
+        })
     }
 
     fn is_known(&self, failure: &Request) -> bool {
@@ -149,15 +119,55 @@ impl PhysicsChecks {
     }
 }
 
+/// Returns the failure nearest to nominal that survives each change, of this number of failures,
+/// which begin with the one nearest to nominal and end with the one that was found. `check` returns
+/// the check of one of them; it is `None` as soon as a check is missing.
+///
+/// If the nearest one depends on the solver and the found one does not, it bisects between them. If
+/// the found one depends on the solver, too, nothing is gone back to: the result is the nearest one.
+///
+/// # Errors
+/// If a check fails.
+pub fn nearest_survivor<E>(
+    failures: usize,
+    mut check: impl FnMut(usize) -> Result<Option<PhysicsCheck>, E>,
+) -> Result<Option<Survivor>, E> {
+    let mut checked = Vec::new();
+    let mut check = |index: usize| -> Result<Option<PhysicsCheck>, E> {
+        let found = check(index)?;
+        checked.extend(found.clone().map(|found| (index, found)));
+        Ok(found)
+    };
+    let Some(nearest) = check(0)? else { return Ok(None) };
+    let mut depends = 0;
+    let mut survives = failures.saturating_sub(1);
+    let mut survivor = nearest.clone();
+    if nearest.depends_on_solver && survives > 0 {
+        let Some(found) = check(survives)? else { return Ok(None) };
+        if found.depends_on_solver {
+            return Ok(Some(Survivor { index: 0, physics: nearest, checked }));
+        }
+        survivor = found;
+        while survives - depends > 1 {
+            let middle = depends.midpoint(survives);
+            let Some(found) = check(middle)? else { return Ok(None) };
+            if found.depends_on_solver {
+                depends = middle;
+            } else {
+                (survives, survivor) = (middle, found);
+            }
+        }
+    } else {
+        survives = 0;
+    }
+    Ok(Some(Survivor { index: survives, physics: survivor, checked }))
+}
+
 /// Describes a check: `the violation remains with half the physics step (robustness -0.0122), ...`,
 /// or `depends on the solver: ...`.
 pub fn physics_text(check: &PhysicsCheck) -> String {
     let named = |simulation: &SolverSimulation| {
-        let change = match simulation.change {
-            results::SolverChange::HalfStep => "half the physics step",
-            results::SolverChange::OtherCollider => "the other collider",
-            results::SolverChange::MovedStart => "the start moved by 1e-6",
-        };
+        let change = simulation.change.words();
         match simulation.robustness {
             Some(robustness) => format!("{change} (robustness {:.4})", robustness.0),
             None => format!("{change} (no verdict)"),
@@ -252,8 +262,8 @@ mod tests {
         );
         assert_eq!(
             physics_text(&found[1]),
-            "depends on the solver: the violation vanishes with the other collider (robustness 0.5000); it remains with half the \
-             physics step (robustness -1.5000) and the start moved by 1e-6 (robustness -1.5000)"
+            "depends on the solver: the violation vanishes with another collision algorithm (robustness 0.5000); it remains with half \
+             the physics step (robustness -1.5000) and the start moved by 1e-6 m or rad (robustness -1.5000)"
         );
         let [half, other, moved] = found[1].simulations[..] else { panic!("three simulations") };
         assert_eq!((half.change, half.robustness.unwrap().0), (results::SolverChange::HalfStep, -1.5));

@@ -6,7 +6,9 @@ use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, failure_rate};
 use mishandle::falsification::{PhysicsChecks, Repeated, measure_noise, repeat, repeat_seeds};
-use mishandle::inspect::{ExplainedSimulation, FailureMode, MinimalFailure, explain_recorded, further};
+use mishandle::inspect::{
+    ExplainedSimulation, FailureMode, MinimalFailure, explain_recorded, further_unrecorded,
+};
 use mishandle::plan::ReportSettings;
 use mishandle::results::{self, Answer, Noise, PhysicsCheck};
 use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
@@ -389,7 +391,7 @@ impl RunReport {
         let mut before = 0;
         let mut part = None;
         let settings = ReportSettings { repeats, ..ReportSettings::default() };
-        further(resolved, answer, &settings, |of, done, all| {
+        further_unrecorded(resolved, answer, &settings, |of, done, all| {
             if let Some((_, ended)) = part.filter(|(known, _)| *known != of) {
                 before += ended;
             }

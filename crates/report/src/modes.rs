@@ -103,7 +103,7 @@ fn card(
         None => format!("<h5>The failure closest to nominal: {place}</h5>\n<ul class=\"why\">"),
     });
     if minimal.is_some_and(|minimal| minimal.cause.went_back) {
-        out.push_str("<li>It went back toward the found failure: nearer ones depend on the solver of the physics.</li>");
+        out.push_str("<li>Nearer to nominal are failures that another physics step, collision algorithm or start does not confirm: they do not count as minimal.</li>");
     }
     for sentence in explained.explanation.sentences(time) {
         out.push_str(&format!("<li>{}</li>", with_code(&sentence)));

@@ -10,6 +10,17 @@ words! {
     }
 }
 
+impl SolverChange {
+    /// Returns what is changed, in words that follow "with".
+    pub fn words(self) -> &'static str {
+        match self {
+            SolverChange::HalfStep => "half the physics step",
+            SolverChange::OtherCollider => "another collision algorithm",
+            SolverChange::MovedStart => "the start moved by 1e-6 m or rad",
+        }
+    }
+}
+
 /// The check of the physics of a failure: its simulation again under each change.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

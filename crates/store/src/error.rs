@@ -268,7 +268,8 @@ pub enum StoreError {
 const WRITE: &str = "write";
 
 impl StoreError {
-    pub(crate) fn damaged(path: &Path, what: impl Into<String>) -> Self {
+    /// Returns the error of a file with this damage.
+    pub fn damaged(path: &Path, what: impl Into<String>) -> Self {
         Self::Damaged { what: what.into() + if_without_log(path), path: path.into() }
     }
 

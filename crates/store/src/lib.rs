@@ -114,6 +114,7 @@ mod csv;
 mod database;
 mod digest;
 mod error;
+mod finding;
 mod header;
 mod header_table;
 mod json;
@@ -148,6 +149,7 @@ mod version;
 
 pub use csv::{TraceColumn, export_csv, export_trace_csv};
 pub use error::StoreError;
+pub use finding::Finding;
 pub use header::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, TargetRecord,
 };

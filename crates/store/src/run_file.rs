@@ -10,7 +10,7 @@ use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
 use crate::{
     Counts, Result, RunHeader, ScreenedChunk, Simulation, SimulationEnd, StoredTrace, TrialRecord,
-    TrialSummary, memory, reason, row, schema, screened, trace_blob, version,
+    TrialSummary, finding, memory, reason, row, schema, screened, trace_blob, version,
 };
 
 /// Largest number of simulations that [`Simulations`] reads at once.
@@ -352,6 +352,7 @@ impl RunFile {
         screened::feed(self, &mut Digest::of("check"))?;
         reason::check(self)?;
         memory::check(self)?;
+        finding::check(self)?;
         Simulations::between(self, 0, u32::MAX).try_for_each(|simulation| simulation.map(drop))
     }
 

@@ -12,8 +12,8 @@ use crate::error::{InFile, StoreError};
 use crate::run_file::RunFile;
 use crate::version::{APPLICATION_ID, FORMAT_VERSION};
 use crate::{
-    Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, memory, reason,
-    row, schema, screened, trace_blob, version,
+    Finding, Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, finding, header_table,
+    memory, reason, row, schema, screened, trace_blob, version,
 };
 
 /// Behavior of [`RunWriter::create`] if the file exists.
@@ -225,6 +225,19 @@ impl RunWriter {
     /// [`DiskFull`](StoreError::DiskFull) or another error of the file. Then nothing is recorded.
     pub fn record_screened(&mut self, chunk: &ScreenedChunk) -> Result<()> {
         self.transact(|file| screened::insert(file, chunk))
+    }
+
+    /// Records what further simulations say of recorded ones, in one transaction. A finding
+    /// replaces an earlier one of its kind.
+    ///
+    /// # Errors
+    /// An error of the file, also for a simulation that the run does not have. Then nothing is
+    /// recorded.
+    pub fn record_findings(&mut self, findings: &[Finding]) -> Result<()> {
+        if findings.is_empty() {
+            return Ok(());
+        }
+        self.transact(|file| finding::insert(file, findings))
     }
 
     /// Closes the run and moves all records into a single file.

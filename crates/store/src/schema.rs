@@ -14,7 +14,7 @@ use rusqlite::Connection;
 
 use crate::error::{InFile, StoreError};
 use crate::row::COUNTS;
-use crate::{MAX_TRIALS, Result, RunHeader, header_table, memory, reason};
+use crate::{MAX_TRIALS, Result, RunHeader, finding, header_table, memory, reason};
 
 /// The statements that create the tables. SQLite stores their text, and opening a file compares it,
 /// so every character is part of the format.
@@ -138,6 +138,7 @@ pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHea
     let mut others = without(found, path, TABLES.iter().copied())?;
     others.remove(reason::TABLE);
     others.remove(memory::TABLE);
+    others.remove(finding::TABLE);
     let header = header_table::read(connection, path)?;
     check_empty(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
     Ok(header)

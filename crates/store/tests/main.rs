@@ -8,6 +8,7 @@ mod export;
 mod fault_io;
 mod fault_memory;
 mod faults;
+mod findings;
 mod fixture;
 mod kill;
 mod memory;

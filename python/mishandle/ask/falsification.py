@@ -63,8 +63,9 @@ class Falsification(RunResult, results.Falsification):
         counterexample file.
 
         The physics of tasks and robots in files is checked first: the same simulation with half the
-        physics step, the other collider, and the start moved by 1e-6. A failure that depends on the
-        solver is left out (``files[i].physics.depends_on_solver``); if all do, that is an error.
+        physics step, another collision algorithm, and the start moved by 1e-6 m or rad. A failure
+        that vanishes in one of these is left out (``files[i].physics.depends_on_solver``); if all
+        do, that is an error.
 
         :func:`mishandle.regress` simulates the files of a folder again. Existing files are
         replaced.

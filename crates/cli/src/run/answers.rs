@@ -3,7 +3,8 @@
 use anyhow::{Result, bail, ensure};
 use mishandle::inspect::FurtherPart;
 use mishandle::results::{
-    Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk, StartRegion, WithoutVerdict,
+    Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk, SolverChange, StartRegion,
+    WithoutVerdict,
 };
 use mishandle::run::inconclusive_text;
 use mishandle::store::RunKind;
@@ -57,10 +58,11 @@ fn add_further(asked: &mut Asked) -> Result<()> {
     let settings = &asked.settings.report;
     mishandle::inspect::further(&asked.resolved, &mut asked.answer, settings, |part, done, all| {
         if part == FurtherPart::Physics && done == 0 {
+            let changes: Vec<&str> = SolverChange::ALL.iter().map(|change| change.words()).collect();
             output::message(&format!(
-                "checking the physics of the counterexamples with at most {}: half the physics step, the other collider, the start \
-                 moved by 1e-6",
-                plural(all, "simulation")
+                "repeating the counterexamples with at most {}: with {}",
+                plural(all, "simulation"),
+                changes.join(", ")
             ));
         }
         // Two bars at a time would write into the line of each other.

@@ -178,7 +178,20 @@ impl RunReport {
         let left = shown.get(shown_count).and_then(|shown| shown.row);
         let (axis, values) =
             sweep.map_or((None, Vec::new()), |(axis, values)| (Some(&self.axes[axis]), values));
-        let value = |(value, simulation): &(f64, usize)| json!({ "value": axis.map(|axis| value_text(axis, Some(*value))), "simulation": simulation });
+        // The simulation of the minimal counterexample is the first one.
+        let minimal = values.iter().find(|(_, simulation)| *simulation == 0).map(|(value, _)| *value);
+        let went_back = self.lead.as_ref().is_some_and(|lead| lead.cause.went_back);
+        let is_nearer = |value: f64| {
+            let nominal = axis.and_then(|axis| axis.nominal).unwrap_or(value);
+            minimal.is_some_and(|minimal| (value - nominal).abs() < (minimal - nominal).abs())
+        };
+        let value = |(value, simulation): &(f64, usize)| {
+            json!({
+                "value": axis.map(|axis| value_text(axis, Some(*value))),
+                "simulation": simulation,
+                "isConfirmed": !went_back || !is_nearer(*value),
+            })
+        };
         let facts = json!({
             "ghost": "nominal simulation",
             "failures": self.counts.falsified,

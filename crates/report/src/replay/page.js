@@ -115,9 +115,12 @@ class Replay {
     if (!sweep.length) return [];
     this.slider = element("input", { type: "range", min: 0, max: sweep.length - 1, "aria-label": axis,
       oninput: () => this.open(sweep[this.slider.value].simulation, true) });
-    const values = sweep.map(({ value, simulation }) => element("span",
-      { class: simulations[simulation].isViolated ? "fail" : "pass", text: `${simulations[simulation].isViolated ? "✕" : "✓"} ${value}` }));
-    return [element("div", { class: "replay-sweep" }, [element("p", { text: `${axis}, all else nominal: ✕ fails, ✓ passes` }), this.slider,
+    const mark = ({ simulation, isConfirmed }) => !simulations[simulation].isViolated ? "✓" : isConfirmed ? "✕" : "△";
+    const marks = sweep.map(mark);
+    const values = sweep.map(({ value }, place) => element("span",
+      { class: { "✓": "pass", "✕": "fail" }[marks[place]] ?? "open", text: `${marks[place]} ${value}` }));
+    const open = marks.includes("△") ? ", △ fails, but was not confirmed with another physics step, collision algorithm and start" : "";
+    return [element("div", { class: "replay-sweep" }, [element("p", { text: `${axis}, all else nominal: ✕ fails, ✓ passes${open}` }), this.slider,
       element("div", {}, values)])];
   }
   choose(event) {

@@ -14,7 +14,7 @@ pub fn show(file: &RunFile, engine: &EngineSettings, json: bool, verbose: bool) 
     let answer = of_run(file, engine)?;
     let modes = mishandle::inspect::failure_modes(file)?;
     let found =
-        RunShown { answer, counterexamples: mishandle::inspect::counterexamples_result(file, &modes) };
+        RunShown { answer, counterexamples: mishandle::inspect::counterexamples_result(file, &modes)? };
     if json {
         output::json(&found)?;
     } else {
