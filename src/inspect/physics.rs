@@ -82,8 +82,8 @@ pub(super) fn check_physics(
     Ok(findings)
 }
 
-fn request(values: Vec<Option<f64>>, seed: u64, (trial, number): (u32, u32)) -> Request {
-    Request { trial, number, ..Request::new(Scenario::new(values), Seed(seed)) }
+fn request(values: Vec<Option<f64>>, seed: u64, place: (u32, u32)) -> Request {
+    Request { trial: place.0, number: place.1, ..Request::new(Scenario::new(values), Seed(seed)) }
 }
 
 /// A failure, and the place of its check.

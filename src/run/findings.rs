@@ -1,5 +1,5 @@
-//! What the simulations after a search say of its counterexamples, beside them in the run file:
-//! whoever reads the run names the same cause as the search itself.
+//! Answers of the simulations that follow a search, in its run file: whoever reads the run names
+//! the same cause as the search itself.
 
 use mishandle_falsification::{Survivor, nearest_survivor};
 use mishandle_results::{Falsification, PhysicsCheck, Repeats};
@@ -30,9 +30,10 @@ pub(crate) fn repeats_finding(place: (u32, u32), repeats: &Repeats) -> Option<Fi
 
 fn recorded<T: DeserializeOwned>(
     run: &RunFile,
-    (trial, number): (u32, u32),
+    place: (u32, u32),
     kind: &str,
 ) -> Result<Option<T>, StoreError> {
+    let (trial, number) = place;
     let Some(text) = run.finding(trial, number, kind)? else { return Ok(None) };
     serde_json::from_str(&text).map(Some).map_err(|error| {
         let what = format!("the {kind} of simulation {number} of trial {trial}: {error}");
@@ -60,8 +61,8 @@ pub(crate) fn recorded_repeats(run: &RunFile, place: (u32, u32)) -> Result<Optio
     Ok(recorded(run, place, REPEATS)?)
 }
 
-/// Returns the failure nearest to nominal that survives the recorded checks of the physics of these
-/// failures, in the order of [`nearest_survivor`]; `None` if a check that it needs was not recorded.
+/// Returns the failure nearest to nominal that survives the recorded checks of the physics, of
+/// failures in the order of [`nearest_survivor`]; `None` if a check that it needs was not recorded.
 ///
 /// # Errors
 /// If the run cannot be read.

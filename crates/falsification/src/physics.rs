@@ -124,7 +124,7 @@ impl PhysicsChecks {
 /// the check of one of them; it is `None` as soon as a check is missing.
 ///
 /// If the nearest one depends on the solver and the found one does not, it bisects between them. If
-/// the found one depends on the solver, too, nothing is gone back to: the result is the nearest one.
+/// the found one depends on the solver, too, the result is the nearest one.
 ///
 /// # Errors
 /// If a check fails.

@@ -1,9 +1,9 @@
-//! What further simulations say of a recorded one: a table of its own, which a run has from the
-//! first of them on.
+//! Findings: answers of simulations that follow a search, about a recorded one. A run has their
+//! table from the first of them on.
 //!
-//! A search is followed by simulations that are no rows of the run, such as those under another
-//! solver of the physics. Whoever reads the run needs what they say. The digest of the content
-//! leaves it out, because it says nothing of the simulations of the run itself.
+//! These simulations, such as the ones under another solver of the physics, are in no other table,
+//! and whoever reads the run needs their answers. The digest of the content leaves them out,
+//! because they say nothing of the simulations of the run itself.
 
 use rusqlite::{OptionalExtension, params};
 
@@ -22,14 +22,14 @@ pub(crate) const TABLE: &str = "CREATE TABLE finding (
     FOREIGN KEY (trial, number) REFERENCES simulation (trial, number)
 ) STRICT";
 
-/// What further simulations say of a simulation of a run.
+/// An answer of further simulations about a simulation of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// Number of its trial.
     pub trial: u32,
     /// Its number in the trial.
     pub number: u32,
-    /// What was asked. A simulation has one finding of each kind.
+    /// The question. A simulation has one finding of each kind.
     pub kind: String,
     /// The answer as JSON.
     pub value: String,

@@ -227,7 +227,7 @@ impl RunWriter {
         self.transact(|file| screened::insert(file, chunk))
     }
 
-    /// Records what further simulations say of recorded ones, in one transaction. A finding
+    /// Records answers of further simulations about recorded ones, in one transaction. A finding
     /// replaces an earlier one of its kind.
     ///
     /// # Errors

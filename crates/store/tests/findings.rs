@@ -1,4 +1,4 @@
-//! What further simulations say of recorded ones.
+//! Answers of further simulations about recorded ones.
 
 use crate::sample::{header, record};
 use mishandle_store::{Finding, IfExists, RunFile, RunWriter, StoreError};
