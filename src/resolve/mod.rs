@@ -50,7 +50,7 @@ pub use check::{check_compare, check_evaluate, check_falsify, check_metamorphic,
 pub(crate) use controller::{ONNX_SIDES, is_path, onnx_side, shipped_file};
 pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
-pub use first_file::first_target_file;
+pub use first_file::{FirstInputs, first_target_file};
 pub use guard::{monitor as guard_monitor, recorded_guard};
 pub use import::{OnnxController, import_controller, is_onnx, onnx_policy};
 pub use kind::{has_scene, is_python};

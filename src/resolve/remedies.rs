@@ -88,6 +88,10 @@ fn of_name(kind: &str, name: &str, known: &[String]) -> Vec<Remedy> {
     {
         return hint(format!("did you mean the target file `{file}`?"));
     }
+    if kind == "target" && is_environment(name) {
+        let environment = Some(name.to_string());
+        return vec![Remedy::Run(Command::Gymnasium { environment, policy: None })];
+    }
     if kind == "target" && Path::new(name).is_file() {
         return vec![name_command()];
     }
@@ -107,6 +111,12 @@ fn of_path(name: &str) -> Vec<Remedy> {
         None if is_controller_file(name) => {
             vec![Remedy::set(Key::CONTROLLER, Choice::Text(name.to_string())).when("it is a controller")]
         }
+        None if has_ending(name, &MODELS) => vec![Remedy::Run(Command::Init { model: name.to_string() })],
+        None if has_ending(name, &["zip"]) => {
+            let policy = Some(name.to_string());
+            vec![Remedy::Run(Command::Gymnasium { environment: None, policy })]
+        }
+        None if has_ending(name, &LOGS) => vec![Remedy::Run(Command::Monitor { log: name.to_string() })],
         None if Path::new(name).is_file() => vec![name_command()],
         None => match suggest(name, target_names().iter().map(String::as_str)) {
             found if found.is_empty() => {
@@ -184,10 +194,23 @@ fn target_file(name: &str) -> Option<String> {
 
 /// Returns whether a path has the ending of a controller.
 fn is_controller_file(name: &str) -> bool {
+    has_ending(name, &["onnx", "safetensors"])
+}
+
+/// Endings of models of robots, and of logs.
+const MODELS: [&str; 3] = ["xml", "mjcf", "urdf"];
+const LOGS: [&str; 4] = ["csv", "parquet", "mcap", "bag"];
+
+fn has_ending(name: &str, known: &[&str]) -> bool {
     let extension = Path::new(name).extension();
-    ["onnx", "safetensors"]
-        .iter()
-        .any(|known| extension.is_some_and(|found| found.eq_ignore_ascii_case(known)))
+    known.iter().any(|known| extension.is_some_and(|found| found.eq_ignore_ascii_case(known)))
+}
+
+/// Returns whether a name is that of an environment of Gymnasium, such as `CartPole-v1`.
+fn is_environment(name: &str) -> bool {
+    name.rsplit_once("-v").is_some_and(|(name, version)| {
+        !name.is_empty() && !version.is_empty() && version.chars().all(|digit| digit.is_ascii_digit())
+    })
 }
 
 fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<Remedy> {

@@ -6,6 +6,7 @@ pub mod browser;
 pub mod check_reports;
 pub mod counterexample;
 mod file;
+pub mod first_look;
 pub mod formula_context;
 pub mod grid;
 pub mod log_question;

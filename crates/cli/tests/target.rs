@@ -139,7 +139,7 @@ fn gains_and_unknown_facts_are_in_the_file_and_in_the_messages() {
     for part in [
         "not known: the period of the policy",
         "limits of the joints' torques",
-        "next: mishandle list robot.toml",
+        "next: mishandle run robot.toml",
     ] {
         assert!(message.contains(part), "{message}");
     }
@@ -189,11 +189,17 @@ fn joints_are_matched_by_name() {
 fn a_policy_without_a_description_gives_a_file_with_questions() {
     let bench = bench(&[]);
     let message = text(&bench.run(INIT).stderr);
-    for part in ["which joints the actions move", "the parts of the observation", "stiffness and damping"] {
+    for part in
+        ["the actuators, which the model lacks", "the meaning of the actions", "the parts of the observation"]
+    {
         assert!(message.contains(part), "{message}");
     }
-    // Without actuators nothing can move: the message names the line.
-    bench.refuses("list robot.toml", &["robot.toml, line", "no actuator `first`"]);
+    // Its 6 numbers are those of two positions, two velocities and two actions.
+    assert!(!message.contains("does not load"), "{message}");
+    bench.check("evaluate robot.toml --episodes 2 --out run.sqlite", 0);
+    std::fs::write(bench.path("policy.onnx"), model(7, [0.0; 2], &[], false)).unwrap();
+    let message = text(&bench.run(&format!("{INIT} --force")).stderr);
+    assert!(message.contains("does not load yet") && message.contains("[1, 7]"), "{message}");
 }
 
 #[test]
@@ -262,4 +268,38 @@ fn an_edit_that_mujoco_rejects_has_a_line() {
     let line = 1 + file[..file.find("joint = \"first\"\naxis").unwrap()].matches('\n').count();
     bench.write("robot.toml", &file);
     bench.refuses("list robot.toml", &[&format!("robot.toml, line {line}: ")]);
+}
+
+#[test]
+fn a_model_alone_gives_a_file_and_a_first_look_at_its_spaces() {
+    let bench = bench(&[]);
+    let message = text(&bench.run("init --model robot.xml --out robot.toml").stderr);
+    assert!(
+        !message.contains("does not load") && message.contains("a law that holds the start"),
+        "{message}"
+    );
+    let seen = bench.run("run robot.toml --out look -k space=delay");
+    let table = text(&seen.stdout);
+    assert_eq!(seen.status.code(), Some(0), "{table}");
+    for part in
+        ["space  fails     smallest cause", "delay  0 of 100  none in 100 simulations", "margin: robot.toml"]
+    {
+        assert!(table.contains(part), "`{part}` is missing:\n{table}");
+    }
+    let index = std::fs::read_to_string(bench.path("look/pages/index.html")).unwrap();
+    assert!(index.contains("runs/falsify.html"), "{index}");
+}
+
+#[test]
+fn a_person_who_guesses_is_led_to_a_target_file() {
+    let bench = bench(&[]);
+    for (command, hint) in [
+        ("falsify robot.xml", "run `mishandle init --model robot.xml --out robot.toml`"),
+        ("evaluate missing.urdf", "run `mishandle init --model missing.urdf --out missing.toml`"),
+        ("falsify CartPole-v1", "mishandle.falsify(gymnasium.make(\"CartPole-v1\"), policy=my_policy)"),
+        ("falsify policy.zip", "policy=stable_baselines3.PPO.load(\"policy.zip\")"),
+        ("falsify cell.csv", "mishandle monitor --formula FORMULA cell.csv"),
+    ] {
+        bench.refuses(command, &[hint]);
+    }
 }

@@ -133,6 +133,24 @@ pub enum Command {
         /// A controller for comparison.
         baseline: Option<String>,
     },
+    /// Search for failures of a policy of Stable-Baselines3 in an environment of Gymnasium, in
+    /// Python.
+    Gymnasium {
+        /// Name of the environment, if it is known.
+        environment: Option<String>,
+        /// File of the policy, if it is known.
+        policy: Option<String>,
+    },
+    /// Monitor a formula on a log.
+    Monitor {
+        /// The log.
+        log: String,
+    },
+    /// Write a first target file for this model.
+    Init {
+        /// The model.
+        model: String,
+    },
     /// Replay the file of a counterexample.
     ReplayFile {
         /// The file.

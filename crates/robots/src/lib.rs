@@ -44,7 +44,9 @@ pub use batch::RobotBatch;
 pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
 pub use error::RobotError;
-pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_facts, mjlab_facts};
+pub use init::{
+    FirstFile, FirstPolicy, Measured, Paths, PolicyFacts, PolicySizes, first_file, isaac_facts, mjlab_facts,
+};
 pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
 pub use target::{DeviceRobot, FILE_ROLES, KIND, RobotFile, RobotPolicy};

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use mishandle_robots::{FirstFile, Paths, PolicyFacts, PolicySizes, RobotFile, first_file, isaac_facts};
+use mishandle_robots::{
+    FirstFile, FirstPolicy, Paths, PolicyFacts, PolicySizes, RobotFile, first_file, isaac_facts,
+};
 
 /// A body with two legs, whose joints have motors.
 const MODEL: &str = r#"<mujoco>
@@ -93,12 +95,12 @@ fn init(folder: &Path, model: &str, facts: &PolicyFacts) -> FirstFile {
     std::fs::write(folder.join("robot.xml"), model).unwrap();
     let paths = Paths {
         model: "robot.xml".into(),
-        policy: "policy.onnx".into(),
+        policy: FirstPolicy::Onnx("policy.onnx".into()),
         name: "legs".into(),
         allow_outside: false,
     };
     let sizes = PolicySizes { observation: Some(13), action: Some(2) };
-    first_file(&folder.join("robot.xml"), &paths, facts, sizes).unwrap()
+    first_file(&folder.join("robot.xml"), &paths, facts, sizes, None).unwrap()
 }
 
 fn read(folder: &Path, text: &str) -> Result<RobotFile, String> {
@@ -185,9 +187,9 @@ fn joints_that_the_model_lacks_are_named() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("robot.xml"), MODEL.replace("right_hip", "hip_right")).unwrap();
     let paths =
-        Paths { model: String::new(), policy: String::new(), name: "legs".into(), allow_outside: false };
+        Paths { model: String::new(), policy: FirstPolicy::Law, name: "legs".into(), allow_outside: false };
     let facts = isaac_facts(DESCRIPTOR, "io.yaml").unwrap();
-    let error = first_file(&folder.path().join("robot.xml"), &paths, &facts, PolicySizes::default());
+    let error = first_file(&folder.path().join("robot.xml"), &paths, &facts, PolicySizes::default(), None);
     let error = error.unwrap_err().to_string();
     assert!(
         error.contains("io.yaml: no joint `right_hip`") && error.contains("left_hip, hip_right"),

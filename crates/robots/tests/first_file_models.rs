@@ -4,7 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_robots::{
-    FirstFile, Paths, PolicyFacts, PolicySizes, RobotFile, RobotPolicy, first_file, isaac_facts, mjlab_facts,
+    FirstFile, FirstPolicy, Paths, PolicyFacts, PolicySizes, RobotFile, RobotPolicy, first_file, isaac_facts,
+    mjlab_facts,
 };
 use mishandle_rollout::{Component, Noise, Request, Scenario, Seed, Specification};
 use mishandle_stl::Formula;
@@ -28,14 +29,18 @@ const MODEL: &str = r#"<mujoco>
 </mujoco>"#;
 
 fn init(folder: &Path, model: &str, facts: &PolicyFacts) -> Result<FirstFile, String> {
+    init_with(FirstPolicy::Onnx("policy.onnx".into()), folder, model, facts)
+}
+
+fn init_with(
+    policy: FirstPolicy,
+    folder: &Path,
+    model: &str,
+    facts: &PolicyFacts,
+) -> Result<FirstFile, String> {
     std::fs::write(folder.join("robot.xml"), model).unwrap();
-    let paths = Paths {
-        model: "robot.xml".into(),
-        policy: "policy.onnx".into(),
-        name: "robot".into(),
-        allow_outside: false,
-    };
-    first_file(&folder.join("robot.xml"), &paths, facts, PolicySizes::default())
+    let paths = Paths { model: "robot.xml".into(), policy, name: "robot".into(), allow_outside: false };
+    first_file(&folder.join("robot.xml"), &paths, facts, PolicySizes::default(), None)
         .map_err(|error| error.to_string())
 }
 
@@ -53,17 +58,22 @@ fn of_mjlab(more: &[(&str, &str)]) -> PolicyFacts {
 
 /// Returns the signals at the start of the nominal scenario.
 fn signals_at_start(robot: &RobotFile) -> Vec<f64> {
+    nominal_traces(robot).iter().map(|signal| signal[0]).collect()
+}
+
+/// Returns the signals of the nominal scenario.
+fn nominal_traces(robot: &RobotFile) -> Vec<Vec<f64>> {
     let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
     let target = robot.target(Arc::clone(policy), vec![component], Noise::default()).unwrap();
-    let space = target.space("starts").unwrap();
+    let space = target.space("scenarios").unwrap();
     let requirement = Formula::parse(&target.formulas[0].text).unwrap();
     let specification = Specification::from_formulas(&target.formulas, requirement).unwrap();
     let request = Request::new(space.nominal(), Seed(0));
     let _: &Scenario = &request.scenario;
     let episodes = target.system(&space, &specification).unwrap().rollout(&[request]).unwrap();
-    (0..target.signals.len()).map(|index| episodes[0].trace.column(index)[0]).collect()
+    (0..target.signals.len()).map(|index| episodes[0].trace.column(index).to_vec()).collect()
 }
 
 #[test]
@@ -71,7 +81,7 @@ fn elements_without_names_are_called_as_what_they_move() {
     let folder = tempfile::tempdir().unwrap();
     let file = init(folder.path(), MODEL, &PolicyFacts::default()).unwrap();
     for part in [
-        "actuators = { group = \"actuator\", names = [\"hip\"] }",
+        "#   hip, [-5, 5]\n",
         "\"trunk\" = \"[0, 0, 0.6, *quat_euler(roll, pitch, 0)]\"",
         "keyframe = \"0\"",
         "high = \"always(height >= 0.3)\"",
@@ -103,7 +113,7 @@ fn an_action_for_motors_without_a_description_is_their_control() {
     let folder = tempfile::tempdir().unwrap();
     let file = init(folder.path(), MODEL, &PolicyFacts::default()).unwrap();
     assert!(
-        file.text.contains("scale = 1\n") && file.text.contains("action = \"scale * action\""),
+        file.text.contains("actions = 1\n") && file.text.contains("action = \"action\""),
         "{}",
         file.text
     );
@@ -180,4 +190,79 @@ fn a_common_text_before_the_names_of_the_model_is_found() {
         file.text
     );
     assert_eq!(read(folder.path(), &file.text).unwrap().actions(), 1);
+}
+
+/// A body with a joint and a site, on which actuators of each transmission act.
+fn with_actuators(actuators: &str) -> String {
+    format!(
+        r#"<mujoco><worldbody>
+          <body name="a" pos="0 0 1"><joint name="left" type="slide" axis="0 1 0"/><geom size="0.1"/><site name="tip"/>
+            <body name="b" pos="0 0 0.3"><joint name="right" axis="0 1 0" range="-1 1"/><geom size="0.1"/><site name="rod" pos="0 0 0.2"/></body>
+          </body>
+          <body name="c" pos="1 0 1"><joint name="round" type="ball"/><geom size="0.1"/></body>
+          <site name="crank" pos="0.2 0 1"/>
+        </worldbody>
+        <tendon><fixed name="both"><joint joint="left" coef="1"/><joint joint="right" coef="1"/></fixed></tendon>
+        <actuator>{actuators}</actuator></mujoco>"#
+    )
+}
+
+#[test]
+fn each_actuator_has_an_action_of_its_own_whatever_it_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    for (actuators, count) in [
+        (r#"<motor name="arm" joint="left"/>"#, 1),
+        (r#"<position name="fingers" tendon="both" kp="10"/>"#, 1),
+        (r#"<motor name="arm" joint="left"/><position name="fingers" tendon="both" kp="10"/>"#, 2),
+        (r#"<motor name="push" joint="left"/><velocity name="brake" joint="left" kv="1"/>"#, 2),
+        (r#"<motor name="thrust" site="tip" gear="0 0 1 0 0 0"/>"#, 1),
+        (r#"<adhesion name="grip" body="b" ctrlrange="0 1" gain="2"/>"#, 1),
+        (r#"<motor name="twist" joint="round" gear="1 0 0"/>"#, 1),
+        (r#"<motor name="crank" cranksite="rod" slidersite="crank" cranklength="0.5"/>"#, 1),
+        (r#"<motor joint="left"/><motor joint="left"/>"#, 2),
+        ("", 2),
+    ] {
+        let facts = PolicyFacts::default();
+        let file = init_with(FirstPolicy::Law, folder.path(), &with_actuators(actuators), &facts);
+        let text = file.unwrap_or_else(|error| panic!("{actuators}: {error}")).text;
+        let robot = read(folder.path(), &text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        assert_eq!(robot.actions(), count, "{text}");
+        assert!(signals_at_start(&robot).iter().all(|signal| signal.is_finite()), "{text}");
+    }
+}
+
+#[test]
+fn a_model_without_a_hinge_or_slide_gets_a_file_or_an_error_that_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let body = |joint: &str, actuator: &str| {
+        format!(
+            r#"<mujoco><worldbody><body name="b" pos="0 0 1">{joint}<geom size="0.1"/><site name="s"/></body></worldbody>
+            <actuator>{actuator}</actuator></mujoco>"#
+        )
+    };
+    let motor = r#"<motor site="s" gear="0 0 1 0 0 0" ctrlrange="-1 1"/>"#;
+    for joint in [r#"<joint name="j" type="ball"/>"#, "<freejoint/>", ""] {
+        let init = |model: &str| init_with(FirstPolicy::Law, folder.path(), model, &PolicyFacts::default());
+        let text = init(&body(joint, motor)).unwrap().text;
+        let robot = read(folder.path(), &text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        assert!(signals_at_start(&robot).iter().all(|signal| signal.is_finite()), "{text}");
+        let error = init(&body(joint, "")).unwrap_err();
+        assert!(error.contains("nothing can be moved"), "{error}");
+    }
+}
+
+#[test]
+fn the_law_of_a_first_file_holds_its_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let arm = r#"<mujoco><option timestep="0.003"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.02" mass="1"/></body></worldbody>
+      <actuator><motor name="m" joint="hinge" gear="3"/></actuator>
+      <keyframe><key qpos="0.2"/></keyframe></mujoco>"#;
+    let text = init_with(FirstPolicy::Law, folder.path(), arm, &PolicyFacts::default()).unwrap().text;
+    assert!(text.contains("period = 0.021\n"), "a whole number of physics steps:\n{text}");
+    let robot = read(folder.path(), &text).unwrap();
+    let traces = nominal_traces(&robot);
+    // Gravity alone turns a pendulum of this length from 0.2 rad to -0.2 rad.
+    let farthest = traces[1].iter().copied().fold(0.0, f64::max);
+    assert!(farthest < 0.1, "{farthest}");
 }

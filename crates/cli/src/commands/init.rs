@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use mishandle::requirements::{TEMPLATES, template};
+use mishandle::resolve::{FirstInputs, first_target_file};
 use mishandle::results::ProtocolCheck;
 
 use crate::exit_status::ExitStatus;
@@ -15,22 +16,24 @@ use crate::show::{escape, output};
 /// a simulator
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
+  mishandle init --model robot.xml --out robot.toml
   mishandle init --model robot.xml --policy policy.onnx --out robot.toml
   mishandle init --model robot.xml --policy policy.onnx --descriptor io.yaml --out robot.toml
   mishandle init --template iso-10218 --out requirements.toml
   mishandle init --check 'python3 my_simulator.py'
 
-A target file comes from the metadata that mjlab writes into ONNX models, or from an IO descriptor
-of Isaac Lab. Joints are matched by name, and whatever is not known is a TODO in the file.
+A target file comes from the model, and from the metadata that mjlab writes into ONNX models or an IO
+descriptor of Isaac Lab, whose joints are matched by name. Otherwise, actions are the controls of the
+actuators. It is simulated once before it is written, and whatever is not known is a TODO in it.
 docs/guide/policies.md says what is read. --check talks to a simulator as a test suite: description,
 bounds of the axes, determinism, seeds, order of the questions, output and end. Exit code 1 means
 that it breaks a rule.")]
 pub struct Arguments {
     /// Model of the robot: MJCF or URDF
     #[arg(long, value_name = "FILE", required_unless_present_any = ["template", "check"])]
-    #[arg(requires_all = ["policy", "out"])]
+    #[arg(requires = "out")]
     pub model: Option<PathBuf>,
-    /// Policy of the robot: an ONNX model
+    /// Policy of the robot: an ONNX model, or a Python program; without it, a law holds the start
     #[arg(long, value_name = "FILE", requires = "model")]
     pub policy: Option<PathBuf>,
     /// IO descriptor of Isaac Lab (YAML), instead of the metadata of the policy
@@ -108,21 +111,25 @@ fn text(found: &ProtocolCheck) -> String {
 
 /// Writes a first target file.
 fn target_file(command: &Arguments) -> Result<ExitStatus> {
-    let Arguments { descriptor, allow_outside, force, .. } = command;
+    let Arguments { policy, descriptor, allow_outside, force, .. } = command;
     let model = command.model.as_ref().context("give --model FILE")?;
-    let policy = command.policy.as_ref().context("give --policy FILE")?;
     let out = command.out.as_ref().context("give --out FILE")?;
     anyhow::ensure!(
         out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")),
         "--out is {}; it must end in .toml",
         out.display()
     );
-    let inputs = [model, policy].into_iter().chain(descriptor).map(PathBuf::as_path);
+    let inputs = [model].into_iter().chain(policy).chain(descriptor).map(PathBuf::as_path);
     output::refuse_inputs(out, "--out", inputs)?;
     // An existing file is reported before any work.
     drop(output::create(out, *force)?);
-    let descriptor = descriptor.as_deref();
-    let file = mishandle::resolve::first_target_file(model, policy, descriptor, out, *allow_outside)?;
+    let inputs = FirstInputs {
+        model,
+        policy: policy.as_deref(),
+        descriptor: descriptor.as_deref(),
+        allow_outside: *allow_outside,
+    };
+    let file = first_target_file(&inputs, out)?;
     output::write_atomically(out, *force, file.text.as_bytes())?;
     for unknown in &file.unknown {
         output::message(&format!("not known: {unknown}"));
@@ -130,6 +137,6 @@ fn target_file(command: &Arguments) -> Result<ExitStatus> {
     for remark in &file.remarks {
         output::message(&format!("note: {remark}"));
     }
-    output::message(&format!("wrote {0}; next: mishandle list {0}", out.display()));
+    output::message(&format!("wrote {0}; next: mishandle run {0}", out.display()));
     Ok(ExitStatus::Done)
 }

@@ -15,6 +15,7 @@ use toml::{Table, Value};
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, OpenRun, Planned};
 use crate::interrupt;
+use crate::run::first_look::{self, FirstLook};
 use crate::run::grid::Ended;
 use crate::run::{self, answers, question};
 use crate::show::progress::Bar;
@@ -31,8 +32,8 @@ use crate::show::{campaign, escape, output};
   mishandle run campaign.toml -k engine.ray=auto      on this machine's Ray cluster
 
 The file is a plan (docs/reference/plans.md), in which keys may have lists of values
-(docs/guide/campaigns.md), or a target file, which is searched for failures. One question has a run
-file. Otherwise each combination of the values has a run file in a folder; one of [harden] has a
+(docs/guide/campaigns.md), or a target file: then each of its spaces is evaluated and searched, and
+the smallest disturbance is sought. One question has a run file. Otherwise each combination of the values has a run file in a folder; one of [harden] has a
 folder there, and beside it the accepted controller. Exit code 1 means that a violation was found by
 falsify, margin or risk, that a pair breaks a metamorphic relation, or that a hardening accepted no
 controller; 2 also that no simulation has a verdict, or too few for a conclusion
@@ -64,7 +65,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     match (&command.resume, &command.file) {
         (Some(folder), _) if folder.is_dir() => {
             let engine = command.keys.settings("run")?.engine;
-            run_all(command, folder, &engine, &campaign_runs(folder)?, gpu)
+            run_all(command, folder, &engine, &campaign_runs(folder)?, gpu, None)
         }
         (Some(path), _) => {
             let found = RunFile::open_unchecked(path)?.header().kind;
@@ -96,8 +97,9 @@ fn run_file(command: &Arguments, path: &Path, gpu: Option<&Device>) -> Result<Ex
     let mut plan = planned.into_table(Values::Lists)?;
     let settings = Settings::take(&mut plan)?;
     let mut questions = RunKind::ALL.map(|(_, name)| name).into_iter().chain(["harden"]);
+    let mut look = None;
     if is_of_target && !questions.any(|question| plan.contains_key(question)) {
-        plan.insert("falsify".to_string(), Value::Table(Table::new()));
+        look = Some(FirstLook::of(&mut plan).with_context(of_file)?);
     }
     let runs = grid(&plan).with_context(of_file)?;
     // A list of one value has a folder, too: the name of its run is that value.
@@ -120,7 +122,7 @@ fn run_file(command: &Arguments, path: &Path, gpu: Option<&Device>) -> Result<Ex
     // The folder keeps the comments of a file that nothing edits, and no settings of this start.
     let text = if is_edited { plan.to_string() } else { text };
     let runs = create_campaign(&text, &folder).with_context(of_file)?;
-    run_all(command, &folder, &settings.engine, &runs, gpu)
+    run_all(command, &folder, &settings.engine, &runs, gpu, look)
 }
 
 /// Returns whether a text is a target file rather than a plan: no plan has these keys.
@@ -163,6 +165,7 @@ fn run_all(
     engine: &EngineSettings,
     runs: &[CampaignRun],
     gpu: Option<&Device>,
+    look: Option<FirstLook>,
 ) -> Result<ExitStatus> {
     ensure!(
         engine.ray.is_none() || engine.jobs == 1,
@@ -189,7 +192,12 @@ fn run_all(
     bar.clear();
     let Ended { finished, stopped } = ended;
     let is_complete = finished.len() + stopped.len() == runs.len();
-    let found = Campaign { folder: path_text(folder), is_complete, runs: finished };
+    let is_first_look = look.is_some();
+    let mut found = Campaign { folder: path_text(folder), is_complete, runs: finished };
+    if let Some(look) = look.as_ref().filter(|_| is_complete) {
+        found.runs.push(look.margin(folder)?);
+        found.is_complete = found.runs.iter().all(|run| run.result.is_complete());
+    }
     let name = shell_quote(&found.folder);
     if !found.is_complete {
         output::message(&format!(
@@ -202,12 +210,15 @@ fn run_all(
     if command.run.json {
         output::json(&found)?;
     } else if !found.runs.is_empty() {
-        output::line(&campaign::text(&found))?;
+        output::line(&look.map_or_else(|| campaign::text(&found), |_| first_look::text(&found)))?;
     }
     if !found.is_complete {
         return Ok(ExitStatus::Interrupted);
     }
     output::message(&format!("Run files: {name}"));
+    if is_first_look && first_look::write_pages(folder)? == ExitStatus::Interrupted {
+        return Ok(ExitStatus::Interrupted);
+    }
     for (run, why) in &stopped {
         output::message(&format!("error: run {}: {}", escape::name(run), escape::name(why)));
     }

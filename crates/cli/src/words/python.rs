@@ -56,6 +56,12 @@ impl Dialect for Python {
             Command::Again { question, changed, .. } => {
                 format!("`mishandle.{question}` with the same system and {}", self.settings(changed))
             }
+            Command::Gymnasium { environment, policy } => {
+                let environment = environment.as_deref().map_or("ID".to_owned(), quoted);
+                let load = |file: &String| format!("stable_baselines3.PPO.load({})", quoted(file));
+                let policy = policy.as_ref().map_or("my_policy".to_owned(), load);
+                format!("`mishandle.falsify(gymnasium.make({environment}), policy={policy})`")
+            }
             Command::Compare(_) => "`mishandle.compare(A, B)`".to_owned(),
             Command::Falsify { target } => {
                 let plan = "{\"falsify\": {\"keep_going\": True}}";

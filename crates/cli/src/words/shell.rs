@@ -1,6 +1,7 @@
 //! The words of the command line.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::sync::LazyLock;
 
 use mishandle::results::{Choice, Command, Key, Recorded};
@@ -27,7 +28,8 @@ impl Dialect for Shell {
     fn command(&self, command: &Command) -> String {
         match command {
             // Their systems are Python code.
-            Command::ResumeComparison { is_python: true }
+            Command::Gymnasium { .. }
+            | Command::ResumeComparison { is_python: true }
             | Command::ResumeEvaluation { is_python: true, .. }
             | Command::Replay { is_python: true, .. } => Python.command(command),
             command => format!("`{}`", shell_command(command)),
@@ -66,6 +68,12 @@ pub fn shell_command(command: &Command) -> String {
         }
         Command::Import => "controller FILE --task TASK --out controller.safetensors".to_owned(),
         Command::Keep { run } => format!("regress --add {}", shell_path(run.as_ref())),
+        Command::Init { model } => {
+            let file = Path::new(model).with_extension("toml");
+            let name = file.file_name().map(Path::new).unwrap_or(&file);
+            format!("init --model {} --out {}", shell_path(model.as_ref()), shell_path(name))
+        }
+        Command::Monitor { log } => format!("monitor --formula FORMULA {}", shell_path(log.as_ref())),
         Command::List { what, is_long } => {
             format!("list {}{}", shell_quote(what), if *is_long { " --all" } else { "" })
         }
@@ -92,6 +100,7 @@ pub fn shell_command(command: &Command) -> String {
         Command::VerifyEvidence => "evidence --verify . --allowed-signers ALLOWED_SIGNERS".to_owned(),
         Command::ResumeComparison { .. } => "compare --resume A B".to_owned(),
         Command::ResumeEvaluation { run, .. } => format!("evaluate --resume {}", shell_path(run.as_ref())),
+        Command::Gymnasium { .. } => return super::python::python_call(command),
         Command::Replay { run, trial, simulation, is_python: true } => {
             return python_replay(run, *trial, *simulation);
         }

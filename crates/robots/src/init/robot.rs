@@ -108,7 +108,8 @@ impl RobotFacts {
         let body = match (&base, last) {
             (Some(base), _) => base.body.clone(),
             (None, Some(joint)) => bodies[model.body_of_joint(joint).index()].clone(),
-            (None, None) => String::new(),
+            // The world comes first.
+            (None, None) => bodies.iter().skip(1).rfind(|name| !name.is_empty()).cloned().unwrap_or_default(),
         };
         let used = names.iter().chain(&facts.observed_joints).chain([&body]).chain(&keyframe);
         if let Some(name) = used.into_iter().find(|name| !is_writable(name)) {
@@ -320,10 +321,15 @@ fn gains_differ(joints: &[JointFacts], remarks: &mut Vec<String>) {
     }
 }
 
+/// Returns whether an actuator with this gain and these biases is a position servo.
+pub(crate) fn is_position(gain: f64, bias: &[f64]) -> bool {
+    gain > 0.0 && (bias[1] + gain).abs() <= 1e-9 * gain
+}
+
 fn actuator(model: &Model, number: usize, name: String) -> ActuatorFacts {
     let gain = model.field(ModelField::ActuatorGainprm)[GAINS * number];
     let bias = &model.field(ModelField::ActuatorBiasprm)[GAINS * number..][..3];
-    let is_position = gain > 0.0 && (bias[1] + gain).abs() <= 1e-9 * gain;
+    let takes_positions = is_position(gain, bias);
     let gear = model.field(ModelField::ActuatorGear)[GEARS * number].abs();
     let largest = |range: [f64; 2]| range[0].abs().max(range[1].abs());
     // The range of a control is one of forces if the actuator is a motor.
@@ -334,7 +340,7 @@ fn actuator(model: &Model, number: usize, name: String) -> ActuatorFacts {
     let limit = [of_control, of_force].into_iter().flatten().reduce(f64::min);
     ActuatorFacts {
         name,
-        gains: is_position.then(|| [gain, 0.0 - bias[2]]),
+        gains: takes_positions.then(|| [gain, 0.0 - bias[2]]),
         limit: limit.map(|limit| gear * limit),
     }
 }

@@ -6,7 +6,7 @@ use crate::error::RobotError;
 use crate::init::facts::{ActionKind, PartFacts, PolicyFacts, PolicySizes};
 use crate::init::parts::{COMMANDS, Words, known, scaled};
 use crate::init::robot::{Floor, JointFacts, RobotFacts};
-use crate::init::{FirstFile, Paths};
+use crate::init::{FirstFile, FirstPolicy, Measured, Paths};
 
 /// Duration of a control step if nothing says it, s.
 const PERIOD: f64 = 0.02;
@@ -22,8 +22,10 @@ const PAYLOAD: f64 = 0.2;
 pub(super) struct Writer<'a> {
     pub(super) robot: &'a RobotFacts,
     pub(super) facts: &'a PolicyFacts,
-    sizes: PolicySizes,
+    pub(super) sizes: PolicySizes,
     allow_outside: bool,
+    is_bare: bool,
+    measured: Option<&'a Measured>,
     text: String,
     pub(super) unknown: Vec<String>,
     pub(super) remarks: Vec<String>,
@@ -35,19 +37,34 @@ pub(crate) fn file(
     paths: &Paths,
     facts: &PolicyFacts,
     sizes: PolicySizes,
+    is_bare: bool,
+    measured: Option<&Measured>,
 ) -> Result<FirstFile, RobotError> {
     let unknown = robot.unknown.clone();
     let remarks = robot.remarks.clone();
     let allow_outside = paths.allow_outside;
-    let mut writer = Writer { robot, facts, sizes, allow_outside, text: String::new(), unknown, remarks };
+    let text = String::new();
+    let mut writer = Writer { robot, facts, sizes, allow_outside, is_bare, measured, text, unknown, remarks };
     writer.model(&paths.model);
-    writer.constants();
-    writer.start();
-    writer.control();
-    let parts = writer.parts();
-    writer.policy(&paths.policy, &parts);
-    writer.observation(&parts);
-    writer.signals_and_axes(parts.iter().any(|part| part.line.contains(COMMANDS[0])));
+    match &paths.policy {
+        FirstPolicy::Onnx(policy) if !is_bare => {
+            writer.constants();
+            writer.start();
+            writer.control();
+            let parts = writer.parts();
+            writer.policy(policy, &parts);
+            writer.observation(&parts);
+            writer.signals_and_axes(parts.iter().any(|part| part.line.contains(COMMANDS[0])));
+        }
+        policy => {
+            writer.bare_constants();
+            writer.start();
+            writer.control();
+            writer.bare_policy(policy);
+            writer.bare_observation();
+            writer.signals_and_axes(false);
+        }
+    }
     let head = writer.head(&paths.name);
     Ok(FirstFile { text: head + &writer.text, unknown: writer.unknown, remarks: writer.remarks })
 }
@@ -103,7 +120,11 @@ impl<'a> Writer<'a> {
                 "xml = '<geom name=\"floor\" type=\"plane\" size=\"0 0 0.05\" friction=\"1 0.005 0.0001\" priority=\"1\"/>'",
             );
         }
-        if !self.robot.has_actuators() || self.replaces_motors() {
+        if self.is_bare {
+            if self.robot.model.actuators() == 0 {
+                self.bare_actuators();
+            }
+        } else if !self.robot.has_actuators() || self.replaces_motors() {
             self.actuators();
         }
         self.line("");
@@ -212,19 +233,30 @@ impl<'a> Writer<'a> {
                 let joint = text(&base.joint);
                 let pose = format!("[0, 0, {}, *quat_euler(roll, pitch, 0)]", base.height);
                 self.line(format!("{joint} = \"{pose}\"{wins}"));
-                self.line("joints = \"default\"");
+                if !robot.joints.is_empty() {
+                    self.line("joints = \"default\"");
+                }
             }
+            None if robot.joints.is_empty() => {}
             None => self.line("joints = \"default + start_offset\""),
         }
         self.line("");
     }
 
     fn control(&mut self) {
-        let period = self.facts.period.unwrap_or(PERIOD);
+        let own = self.robot.model.timestep();
+        let period = match self.facts.period {
+            Some(period) => period,
+            // A whole number of physics steps, in decimal digits.
+            None if self.is_bare => {
+                format!("{:.9}", (PERIOD / own - 1e-6).ceil().max(1.0) * own).parse().unwrap_or(PERIOD)
+            }
+            None => PERIOD,
+        };
         if self.facts.period.is_none() {
-            self.unknown.push(format!("the period of the policy: here {PERIOD} s"));
+            self.unknown.push(format!("the period of the policy: here {period} s"));
         }
-        if self.facts.timestep.is_none() {
+        if self.facts.timestep.is_none() && !self.is_bare {
             let timestep = self.robot.model.timestep();
             self.unknown
                 .push(format!("the physics step of its training: here that of the model, {timestep} s"));
@@ -402,8 +434,11 @@ impl<'a> Writer<'a> {
     fn signals_and_axes(&mut self, has_command: bool) {
         let robot = self.robot;
         let mut axes = Vec::new();
+        let bounds = self.measured.map_or([None; 2], |measured| measured.bounds);
+        let bounds = |default: [f64; 2]| [0, 1].map(|index| bounds[index].unwrap_or(default[index]));
         match &robot.base {
             Some(base) => {
+                let [tilt, height] = bounds([1.0, rounded(0.5 * base.height)]);
                 let body = &base.body;
                 self.line("[signals]");
                 self.line(format!("height = {{ value = \"body_pos('{body}')[2]\", unit = \"m\" }}"));
@@ -411,18 +446,29 @@ impl<'a> Writer<'a> {
                     "tilt = {{ value = \"acos(clip(axis_z('{body}')[2], -1, 1))\", unit = \"rad\" }}\n"
                 ));
                 self.line("[formulas]    # the first one is the default requirement");
-                self.line("upright = \"always(tilt <= 1)\"");
-                self.line(format!("high = \"always(height >= {})\"\n", rounded(0.5 * base.height)));
+                self.line(format!("upright = \"always(tilt <= {tilt})\""));
+                self.line(format!("high = \"always(height >= {height})\"\n"));
+            }
+            None if robot.joints.is_empty() => {
+                let [speed, distance] = bounds([10.0, 3.0]);
+                let body = &robot.body;
+                self.line("[signals]");
+                self.line(format!("speed = {{ value = \"norm(body_vel('{body}'))\", unit = \"m/s\" }}"));
+                self.line(format!("distance = {{ value = \"norm(body_pos('{body}'))\", unit = \"m\" }}\n"));
+                self.line("[formulas]    # the first one is the default requirement");
+                self.line(format!("slow = \"always(speed <= {speed})\""));
+                self.line(format!("near = \"always(distance <= {distance})\"\n"));
             }
             None => {
+                let [speed, distance] = bounds([10.0, 3.0]);
                 self.line("[signals]");
                 self.line("joint_speed = { value = \"max(abs(qvel(joints)))\", unit = \"rad/s\" }");
                 self.line(
                     "joint_distance = { value = \"max(abs(qpos(joints) - default))\", unit = \"rad\" }\n",
                 );
                 self.line("[formulas]    # the first one is the default requirement");
-                self.line("slow = \"always(joint_speed <= 10)\"");
-                self.line("near = \"always(joint_distance <= 3)\"\n");
+                self.line(format!("slow = \"always(joint_speed <= {speed})\""));
+                self.line(format!("near = \"always(joint_distance <= {distance})\"\n"));
             }
         }
         self.unknown
@@ -430,7 +476,7 @@ impl<'a> Writer<'a> {
         if robot.base.is_some() {
             axes.push("roll = { range = [-0.1, 0.1], unit = \"rad\" }".to_string());
             axes.push("pitch = { range = [-0.1, 0.1], unit = \"rad\" }".to_string());
-        } else {
+        } else if !robot.joints.is_empty() {
             axes.push(
                 "start_offset = { range = [-0.05, 0.05], unit = \"rad\" }    # of all joints".to_string(),
             );
@@ -473,6 +519,13 @@ impl<'a> Writer<'a> {
         for axis in axes {
             self.line(axis);
         }
+        if let Some(measured) = self.measured {
+            let names: Vec<String> = measured.axes.iter().map(|name| text(name)).collect();
+            self.line(
+                "\n[spaces]    # the first one is the default: the axes above, and what every robot has",
+            );
+            self.line(format!("scenarios = [{}]", names.join(", ")));
+        }
     }
 }
 
@@ -492,7 +545,7 @@ pub(super) fn text(text: &str) -> String {
 }
 
 /// Returns a text that stays on its line of a comment.
-fn comment(text: &str) -> String {
+pub(super) fn comment(text: &str) -> String {
     text.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect()
 }
 
@@ -517,7 +570,7 @@ fn keys(parts: &[PartFacts]) -> Vec<String> {
     keys
 }
 
-fn list(values: &[f64]) -> String {
+pub(super) fn list(values: &[f64]) -> String {
     format!("[{}]", values.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))
 }
 
@@ -526,6 +579,6 @@ fn numbers(count: usize) -> String {
 }
 
 /// Rounds to two significant digits.
-fn rounded(value: f64) -> f64 {
+pub(super) fn rounded(value: f64) -> f64 {
     format!("{value:.1e}").parse().unwrap_or(value)
 }

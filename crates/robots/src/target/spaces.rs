@@ -101,8 +101,11 @@ impl RobotFile {
             for name in &named.value {
                 axes.extend(self.named_axes(name, disturbances).map_err(|problem| self.at(problem))?);
             }
-            spaces.retain(|(known, _)| *known != named.key.name);
-            spaces.push((named.key.name.clone(), axes));
+            // In the place of the one that it replaces: the first one is the default.
+            match spaces.iter_mut().find(|(known, _)| *known == named.key.name) {
+                Some(known) => known.1 = axes,
+                None => spaces.push((named.key.name.clone(), axes)),
+            }
         }
         let made = spaces.into_iter().filter(|(_, axes)| !axes.is_empty());
         Ok(made.map(|(name, axes)| Space::new(&name, axes)).collect::<Result<_, RolloutError>>()?)
