@@ -55,8 +55,8 @@ pub fn first_file(
     facts: &PolicyFacts,
     sizes: PolicySizes,
 ) -> Result<FirstFile, RobotError> {
-    let (document, model_facts) = crate::model::plain(model, paths.allow_outside)?;
+    let model_facts = crate::model::plain(model, paths.allow_outside)?;
     let facts = &robot::named_as_in(&model_facts, facts);
-    let robot = robot::RobotFacts::read(model, &document, model_facts, facts)?;
+    let robot = robot::RobotFacts::read(model, model_facts, facts)?;
     write::file(&robot, paths, facts, sizes)
 }
