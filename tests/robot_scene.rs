@@ -161,7 +161,7 @@ fn states_of_a_robot_fit_its_model_with_visual_elements() {
     assert_eq!((event.kind, pair.as_str()), (EventKind::Contact, "contact_cart_wall"));
 
     let picture = mishandle::resolve::recorded_picture(run.header()).unwrap();
-    let drawn = Model::from_xml_with_assets(&picture.document, picture.assets).unwrap();
+    let drawn = Model::from_xml_with_assets(&picture.document, &picture.assets).unwrap();
     assert_eq!(drawn.count(mishandle::world::ElementKind::Geom), 6, "the paint is there");
     let mut world = drawn.world();
     for (state, place) in trajectory.states.iter().zip(replayed.episode.trace.column(0)) {

@@ -80,15 +80,10 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let pushed: Vec<usize> = spec.pushed.iter().map(|body| body.index()).collect();
     let fields: Vec<&str> = spec.fields.iter().map(|field| field.name()).collect();
     let forces = if pushed.is_empty() { 0 } else { 3 * spec.rows * spec.substeps };
-    let document = spec.model.document();
+    let model = PyBytes::new(py, &spec.model.binary());
     let timestep = spec.model.timestep();
-    let arguments = (document, timestep, spec.rows, spec.substeps, servos, pushed, fields);
+    let arguments = (model, timestep, spec.rows, spec.substeps, servos, pushed, fields);
     let keywords = PyDict::new(py);
-    let assets = PyDict::new(py);
-    for (name, bytes) in &**spec.model.assets() {
-        assets.set_item(name, PyBytes::new(py, bytes))?;
-    }
-    keywords.set_item("assets", assets)?;
     if let Some(probe) = &spec.probe {
         keywords.set_item("probe", make_probe(py, probe)?)?;
     }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use mishandle::MishandleError;
 use mishandle::picture::{SceneEpisode, recorded_scene};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
@@ -27,12 +28,8 @@ pub fn recorded_states<'py>(
     let scene = py.detach(|| recorded_scene(&path, trial, number, engine.moved(), nominal));
     let scene = scene.map_err(raised)?;
     let found = PyDict::new(py);
-    found.set_item("xml", &scene.model.document)?;
-    let assets = PyDict::new(py);
-    for (name, bytes) in scene.model.assets.iter() {
-        assets.set_item(name, PyBytes::new(py, bytes))?;
-    }
-    found.set_item("assets", assets)?;
+    let model = py.detach(|| scene.model.compile()).map_err(MishandleError::from).map_err(raised)?;
+    found.set_item("model", PyBytes::new(py, &model.binary()))?;
     let resolved = &scene.resolved;
     found.set_item("target", &resolved.target.identity.name)?;
     found.set_item("control_dt", resolved.target.control_dt)?;

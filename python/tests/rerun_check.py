@@ -54,7 +54,7 @@ def main():
             "run.sqlite", trial=None, number=None, controller=None, target=None, nominal=True
         )
         found = columns(path)
-        model = mujoco.MjModel.from_xml_string(scene["xml"], scene["assets"])
+        model = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": scene["model"]})
         data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
         size = mujoco.mj_stateSize(model, kind)
         for root, episode in zip(("failure", "nominal"), scene["episodes"]):

@@ -144,7 +144,7 @@ class Readings(unittest.TestCase):
         joints = [[0, 0, 0, -3, 1.5, 2, 10, 40], [1, 1, 1, -3, 2.5, 3, 20, 30]]
         servos = [[0, 0, 2, 40], [1, 1, 3, 100]]
         probe = self.probe(model, geoms, 0, joints)
-        arguments = {"xml": document, "timestep": 1 / 480, "servos": servos, "probe": probe}
+        arguments = {"model": document, "timestep": 1 / 480, "servos": servos, "probe": probe}
         batch = batches.WarpBatch(**arguments, rows=rows, substeps=substeps, device="cpu")
         states, inputs = self.states(model, rows), batch.arrays()
         inputs["inputs"][:] = states[:, 1:3] + np.random.default_rng(4).uniform(

@@ -3,7 +3,7 @@
 use mishandle_camera::sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View};
 use mishandle_camera::{Camera, Lamp, Size, focal_length};
 use mishandle_rollout::{Axis, Image, RolloutError, Space};
-use mishandle_world::{Body, CAMERAS, CameraMount, ElementKind, GeomKind, Model, PictureModel};
+use mishandle_world::{Body, CAMERAS, CameraMount, ElementKind, GeomKind, Model, PictureModel, Visuals};
 
 use crate::description::{Control, Description, Named};
 use crate::document::{Fields, Item, Key, Text};
@@ -294,7 +294,7 @@ impl RobotFile {
             message: error_text(error),
         };
         let PictureModel { document, assets, .. } = self.picture_model();
-        let model = Model::from_untrusted(document, assets.clone()).map_err(|error| failed(&error))?;
+        let model = Model::from_untrusted(document, assets, Visuals::Keep).map_err(|error| failed(&error))?;
         let cameras = cameras.iter().map(|camera| Camera { size, ..camera.clone() }).collect();
         let view = View::new(sight, &model, cameras, bodies).map_err(|error| failed(&error))?;
         Ok(Some((model, view)))

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::mjcf::{Edit, Select, Source};
-use mishandle_world::{Model, PictureModel, WorldError};
+use crate::mjcf::{Edit, MjcfError, ModelFiles, Select, Source};
+use mishandle_world::{Model, Opened, PictureModel, Visuals, WorldError};
 use sha2::{Digest, Sha256};
 
 use crate::description::Description;
@@ -34,54 +34,65 @@ pub(crate) fn read(description: &Description, path: &Path, text: &str) -> Result
     let span = &description.model_file.span;
     let mut fields = Fields::new(&description.model, "[model]");
     let allow_outside = fields.flag("allow_outside").map_err(problem)?;
-    let (source, files) = Source::read_with_files(&file, allow_outside)
-        .map_err(|error| problem(Problem::new(span, error_text(&error))))?;
-    let hash = source_hash(&source);
+    let unread = |error: MjcfError| problem(Problem::new(span, error_text(&error)));
+    let (mut source, mut files) = Source::main(&file, allow_outside).map_err(unread)?;
     let mut edits = edits(&description.model).map_err(problem)?;
     edits.sort_by_key(|(start, _)| *start);
-    let source = as_mjcf(source).map_err(failed)?;
+    let which = if edits.is_empty() { Opened::All } else { Opened::Included };
+    source.open(which, &mut files).map_err(|error| unread(files.error(&error)))?;
+    let mut original = source.clone();
     let at = |start: usize, error: &dyn std::error::Error| Problem::new(&(start..start), error_text(error));
-    let original = source.clone();
-    let mut edited = source;
+    let mut edited = as_mjcf(source).map_err(failed)?;
+    let unedited = edited.clone();
     for (start, edit) in &edits {
         edited = edited.edit(std::slice::from_ref(edit)).map_err(|error| problem(at(*start, &error)))?;
     }
-    let assets = Arc::new(edited.assets);
-    let physics = without_visuals(&edited.document);
-    let physics = Model::from_untrusted(&physics, assets.clone()).map_err(|error| {
-        let of_edit = rejected(original, &edits);
-        of_edit.map_or_else(|| failed(error_text(&error)), |(start, error)| problem(at(start, &error)))
-    })?;
-    let picture = PictureModel::from_untrusted(edited.document, assets);
-    Ok(RobotModel { physics, picture, file, files, hash })
+    if !edits.is_empty() {
+        edited.open(Opened::All, &mut files).map_err(|error| {
+            let of_edit = rejected(unedited, &edits, &mut files);
+            match of_edit {
+                Some((start, error)) => problem(Problem::new(&(start..start), files.message(&error))),
+                None => unread(files.error(&error)),
+            }
+        })?;
+    }
+    // Edits are in the target file, which has a hash of its own.
+    for (name, bytes) in &edited.assets {
+        original.assets.entry(name.clone()).or_insert_with(|| bytes.clone());
+    }
+    let hash = source_hash(&original);
+    let physics = Model::from_untrusted(&edited.document, &edited.assets, Visuals::Discard)
+        .map_err(|error| failed(error_text(&error)))?;
+    let picture = PictureModel::from_untrusted(edited.document, Arc::new(edited.assets));
+    Ok(RobotModel { physics, picture, file, files: files.into_files(), hash })
 }
 
 /// Returns the place of the first edit after which MuJoCo rejects a model, with its error; none if
 /// it rejects the model without edits.
-fn rejected(mut source: Source, edits: &[(usize, Edit)]) -> Option<(usize, WorldError)> {
-    let compiled = |source: &Source| {
-        let assets = Arc::new(source.assets.clone());
-        Model::from_untrusted(&without_visuals(&source.document), assets).err()
-    };
-    if compiled(&source).is_some() {
+fn rejected(
+    mut source: Source,
+    edits: &[(usize, Edit)],
+    files: &mut ModelFiles,
+) -> Option<(usize, WorldError)> {
+    if source.clone().open(Opened::All, files).is_err() {
         return None;
     }
     edits.iter().find_map(|(start, edit)| {
         source = source.clone().edit(std::slice::from_ref(edit)).ok()?;
-        Some((*start, compiled(&source)?))
+        Some((*start, source.clone().open(Opened::All, files).err()?))
     })
 }
 
-/// Reads and compiles a model without a target file. Returns its document and the model for
-/// physics.
-pub(crate) fn plain(file: &Path, allow_outside: bool) -> Result<(String, Model), RobotError> {
+/// Reads and compiles a model without a target file.
+pub(crate) fn plain(file: &Path, allow_outside: bool) -> Result<Model, RobotError> {
     let failed = |message: String| RobotError::Model { path: file.to_path_buf(), message };
-    let source = Source::read(file, allow_outside).map_err(|error| failed(error_text(&error)))?;
+    let (mut source, mut files) =
+        Source::main(file, allow_outside).map_err(|error| failed(error_text(&error)))?;
+    source.open(Opened::All, &mut files).map_err(|error| failed(files.message(&error)))?;
     let source = as_mjcf(source).map_err(failed)?;
-    let assets = Arc::new(source.assets);
-    let model = Model::from_untrusted(&without_visuals(&source.document), assets)
+    let model = Model::from_untrusted(&source.document, &source.assets, Visuals::Discard)
         .map_err(|error| failed(error_text(&error)))?;
-    Ok((source.document, model))
+    Ok(model)
 }
 
 /// Returns a URDF as MJCF.
@@ -91,12 +102,6 @@ fn as_mjcf(source: Source) -> Result<Source, String> {
     }
     let document = mishandle_world::mjcf_of_untrusted_urdf(&source.document, &source.assets);
     Ok(Source { document: document.map_err(|error| error_text(&error))?, assets: source.assets })
-}
-
-/// Returns the document with a compiler option that removes geoms that do not collide: the physics
-/// does not need them, and copies of the model are small without their meshes.
-fn without_visuals(document: &str) -> String {
-    mishandle_world::with_elements(document, "<compiler discardvisual=\"true\"/>\n")
 }
 
 fn source_hash(source: &Source) -> String {

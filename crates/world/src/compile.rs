@@ -1,36 +1,65 @@
 //! Compiling documents whose files are in memory.
 
-use std::collections::BTreeMap;
 use std::ffi::{CStr, CString, c_char};
 
-use mujoco_rs::mujoco_c::{
-    mj_compile, mj_deleteModel, mj_deleteSpec, mj_parseXML, mj_saveXMLString, mjSpec, mjs_getError,
-};
+use mujoco_rs::error::MjEditError;
+use mujoco_rs::mujoco_c::{mj_deleteSpec, mj_parseXML};
 use mujoco_rs::prelude::*;
-use mujoco_rs::wrappers::MjVfs;
 
 use crate::WorldError;
-
-/// Files that a document refers to, by the names that it has for them.
-pub type Assets = BTreeMap<String, Vec<u8>>;
-
-/// The folder of the document in MuJoCo's virtual file system. MuJoCo looks for a file on the disk
-/// if it is not in there. No disk has a file in this folder, because it is a device.
-const FOLDER: &str = "/dev/null/";
-
-const DOCUMENT: &str = "model.xml";
+use crate::files::{Assets, Files, Open};
 
 /// The largest document that MuJoCo writes, bytes.
 const SAVED: usize = 256 << 20;
 
-/// Compiles a document.
-pub(crate) fn compile(xml: &str, assets: &Assets) -> Result<MjModel, WorldError> {
-    let vfs = files(xml, assets)?;
-    MjModel::from_xml_vfs(format!("{FOLDER}{DOCUMENT}"), &vfs).map_err(|error| {
-        let message =
-            Specification::parse(&vfs).map_or_else(|message| message, |parsed| parsed.compile(&vfs));
-        WorldError::Model(if message.is_empty() { error.to_string() } else { message })
-    })
+/// The largest arena that is kept if the document states none, bytes. MuJoCo then derives one from
+/// the deprecated `njmax` and `nconmax`, whose squares are in it, and touches a small part of it.
+pub(crate) const ARENA_LIMIT: u64 = 1 << 30;
+
+/// Parts of a compiled model beside its physics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Visuals {
+    /// All geoms, materials and textures, for pictures.
+    Keep,
+    /// No geoms that do not collide, as with MuJoCo's `discardvisual`: copies of the model are
+    /// small without their meshes. They are kept where the inertia of a body follows from them.
+    Discard,
+}
+
+/// Compiles a document, whose files `open` returns.
+pub(crate) fn compile(xml: &str, visuals: Visuals, open: &mut Open<'_>) -> Result<MjModel, WorldError> {
+    let mut attempt = |visuals| {
+        let mut open = |name: &str| open(name);
+        let files = Files::new(xml, &mut open)?;
+        let mut spec = parsed(&files)?;
+        if visuals == Visuals::Discard {
+            spec.compiler_mut().set_discardvisual(true);
+        }
+        let states_arena = spec.ffi().memory >= 0;
+        let mut model = spec.compile_with_vfs(files.vfs()).map_err(edit_error)?;
+        if !states_arena && model.ffi().narena as u64 > ARENA_LIMIT {
+            set_arena(&mut model, ARENA_LIMIT);
+        }
+        Ok(model)
+    };
+    match visuals {
+        Visuals::Keep => attempt(visuals),
+        Visuals::Discard => attempt(visuals).or_else(|_: WorldError| attempt(Visuals::Keep)),
+    }
+}
+
+/// Sets the size of the memory that each `mjData` of the model will have for contacts, bytes.
+pub(crate) fn set_arena(model: &mut MjModel, bytes: u64) {
+    // SAFETY: no data of the model exist, because they would share it.
+    #[allow(unsafe_code)]
+    unsafe {
+        model.ffi_mut().narena = bytes as _;
+    }
+}
+
+/// Checks that MuJoCo can parse a document, which opens the documents that it includes or attaches.
+pub(crate) fn parse(xml: &str, open: &mut Open<'_>) -> Result<(), WorldError> {
+    parsed(&Files::new(xml, &mut |name| open(name))?).map(drop)
 }
 
 /// Returns the MJCF document that MuJoCo writes for a URDF document, so that it can be edited.
@@ -39,13 +68,23 @@ pub(crate) fn compile(xml: &str, assets: &Assets) -> Result<MjModel, WorldError>
 /// # Errors
 /// If MuJoCo rejects the document.
 pub fn mjcf_of_urdf(xml: &str, assets: &Assets) -> Result<String, WorldError> {
-    let vfs = files(xml, assets)?;
-    let parsed = Specification::parse(&vfs).map_err(WorldError::Model)?;
-    let message = parsed.compile(&vfs);
-    if !message.is_empty() {
-        return Err(WorldError::Model(message));
+    mjcf_of(xml, &mut |name| assets.get(name).cloned())
+}
+
+pub(crate) fn mjcf_of(xml: &str, open: &mut Open<'_>) -> Result<String, WorldError> {
+    let mut open = |name: &str| open(name);
+    let files = Files::new(xml, &mut open)?;
+    let mut spec = parsed(&files)?;
+    spec.compile_with_vfs(files.vfs()).map_err(edit_error)?;
+    let mut size = 1 << 20;
+    loop {
+        match spec.save_xml_string(size) {
+            Err(MjEditError::XmlBufferTooSmall { required_size }) if size < SAVED => {
+                size = (2 * size).max(required_size + 1);
+            }
+            saved => return saved.map(|text| text.trim().to_string()).map_err(edit_error),
+        }
     }
-    parsed.save().map_err(WorldError::Model)
 }
 
 /// Returns an MJCF document with more elements at its end, where they take precedence.
@@ -71,126 +110,46 @@ pub fn with_elements(document: &str, elements: &str) -> String {
     document.to_string()
 }
 
-/// Returns the file system of a document and its files.
-fn files(xml: &str, assets: &Assets) -> Result<MjVfs, WorldError> {
-    // MuJoCo reads C strings, which a zero byte would truncate.
-    if xml.contains('\0') {
-        return Err(WorldError::Model("the document contains a zero byte".to_string()));
-    }
-    if let Some(path) = outside(xml) {
-        let message = format!("the document refers to `{path}`, which is outside its folder");
-        return Err(WorldError::Model(message));
-    }
-    let mut vfs = MjVfs::new();
-    let document = (DOCUMENT, xml.as_bytes());
-    let assets = assets.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice()));
-    for (name, bytes) in assets.chain([document]) {
-        let added = if name.contains('\0') {
-            Err("its name contains a zero byte".to_string())
-        } else {
-            vfs.add_from_buffer(format!("{FOLDER}{name}"), bytes).map_err(|error| error.to_string())
-        };
-        added.map_err(|error| WorldError::Model(format!("cannot use the file `{name}`: {error}")))?;
-    }
-    Ok(vfs)
+fn parsed(files: &Files<'_>) -> Result<MjSpec, WorldError> {
+    // `mujoco-rs` truncates messages to 100 bytes, often before the line number.
+    MjSpec::from_xml_vfs(Files::document(), files.vfs()).map_err(|error| match error {
+        MjEditError::ParseFailed(_) => rejected(&parse_message(files)),
+        error => edit_error(error),
+    })
 }
 
-/// Returns the value of an attribute that refers to a file or folder outside that of the document.
-fn outside(xml: &str) -> Option<&str> {
-    let mut rest = xml;
-    while let Some(at) = rest.find('=') {
-        let before = rest[..at].trim_end();
-        let after = rest[at + 1..].trim_start();
-        rest = &rest[at + 1..];
-        let key = before.rsplit(|letter: char| letter.is_whitespace()).next().unwrap_or_default();
-        if !key.starts_with("file") && !key.ends_with("dir") {
-            continue;
-        }
-        let Some(quote) = after.chars().next().filter(|quote| matches!(quote, '"' | '\'')) else {
-            continue;
-        };
-        let value = after[1..].split(quote).next().unwrap_or_default();
-        let path = value.strip_prefix("package://").unwrap_or(value);
-        let leaves = path.split(['/', '\\']).any(|part| part == "..");
-        // `&` begins the code of a letter.
-        if leaves || path.starts_with(['/', '\\']) || path.contains(['&', ':']) {
-            return Some(value);
-        }
-    }
-    None
-}
-
-/// A parsed document.
-struct Specification(*mut mjSpec);
-
-impl Specification {
-    fn parse(vfs: &MjVfs) -> Result<Specification, String> {
-        let path = CString::new(format!("{FOLDER}{DOCUMENT}")).unwrap_or_default();
-        let mut message: [c_char; 1000] = [0; 1000];
-        let buffer = message.as_mut_ptr();
-        let length = message.len() as i32;
-        // SAFETY: path, files and buffer outlive the call. MuJoCo terminates the message with a
-        // zero byte within the given length.
-        #[allow(unsafe_code)]
-        unsafe {
-            let parsed = mj_parseXML(path.as_ptr(), vfs.ffi(), buffer, length);
-            if parsed.is_null() { Err(text(buffer)) } else { Ok(Specification(parsed)) }
-        }
-    }
-
-    /// Compiles it and returns MuJoCo's full error message, empty without an error. `mujoco-rs`
-    /// truncates messages to 100 bytes, often before the line number.
-    fn compile(&self, vfs: &MjVfs) -> String {
-        // SAFETY: the specification is valid until it is dropped, and the model is deleted once.
-        #[allow(unsafe_code)]
-        unsafe {
-            let model = mj_compile(self.0, vfs.ffi());
-            if model.is_null() {
-                return text(mjs_getError(self.0));
-            }
-            mj_deleteModel(model);
-            String::new()
-        }
-    }
-
-    /// Returns the document that MuJoCo writes.
-    fn save(&self) -> Result<String, String> {
-        let mut message: [c_char; 1000] = [0; 1000];
-        let mut size = 1 << 20;
-        loop {
-            let mut saved: Vec<c_char> = vec![0; size];
-            // SAFETY: both buffers have the given lengths, and MuJoCo terminates what it writes.
-            #[allow(unsafe_code)]
-            let (code, written, reason) = unsafe {
-                let out = saved.as_mut_ptr();
-                let error = message.as_mut_ptr();
-                let code = mj_saveXMLString(self.0, out, size as i32, error, message.len() as i32);
-                (code, text(out), text(error))
-            };
-            match code {
-                0 => return Ok(written),
-                // The length that is needed.
-                needed if needed > 0 && size < SAVED => size = (2 * size).max(needed as usize + 1),
-                _ => return Err(reason),
-            }
-        }
+fn edit_error(error: MjEditError) -> WorldError {
+    match error {
+        MjEditError::ParseFailed(message)
+        | MjEditError::CompileFailed(message)
+        | MjEditError::SaveFailed(message) => rejected(&message),
+        other => rejected(&other.to_string()),
     }
 }
 
-impl Drop for Specification {
+/// Returns the error for a message of MuJoCo.
+fn rejected(message: &str) -> WorldError {
+    let message = Files::shown(message);
+    let is_plugin = message.contains("plugin");
+    let rule =
+        if is_plugin { "; plugins run code and are not loaded; remove them from the model" } else { "" };
+    WorldError::Model(format!("{message}{rule}"))
+}
+
+/// Returns MuJoCo's message about a document that it cannot parse.
+fn parse_message(files: &Files<'_>) -> String {
+    let path = CString::new(Files::document()).unwrap_or_default();
+    let mut message: [c_char; 1000] = [0; 1000];
+    let buffer = message.as_mut_ptr();
+    let length = message.len() as i32;
+    // SAFETY: path, files and buffer outlive the call. MuJoCo terminates the message with a zero
+    // byte within the given length. What it returns is deleted once.
     #[allow(unsafe_code)]
-    fn drop(&mut self) {
-        // SAFETY: it is deleted once, after its last use.
-        unsafe { mj_deleteSpec(self.0) }
+    unsafe {
+        let parsed = mj_parseXML(path.as_ptr(), files.vfs().ffi(), buffer, length);
+        if !parsed.is_null() {
+            mj_deleteSpec(parsed);
+        }
+        CStr::from_ptr(buffer).to_string_lossy().into_owned()
     }
-}
-
-/// Returns the text of a C string without spaces around it.
-///
-/// # Safety
-/// The string must be terminated and valid during the call.
-#[allow(unsafe_code)]
-unsafe fn text(string: *const c_char) -> String {
-    // SAFETY: the caller guarantees it.
-    unsafe { CStr::from_ptr(string) }.to_string_lossy().trim().to_string()
 }

@@ -29,6 +29,7 @@ mod element;
 mod error;
 mod field_change;
 mod fields;
+mod files;
 pub mod frame;
 mod full_state;
 mod kinematics;
@@ -50,13 +51,16 @@ pub use batch::{
     BatchBuffers, BatchLayout, BatchSpec, CpuDevice, CpuWorlds, Outputs, RowStatus, WorldBatch, WorldDevice,
 };
 pub use change::{Change, FieldOperation};
-pub use compile::{Assets, mjcf_of_urdf, with_elements};
+pub use compile::{Visuals, mjcf_of_urdf, with_elements};
 pub use contacts::ContactParts;
-pub use containment::{CHILD_WORD, mjcf_of_untrusted_urdf, run_child, set_child_program};
+pub use containment::{
+    CHILD_WORD, Opened, files_of_untrusted, mjcf_of_untrusted_urdf, run_child, set_child_program,
+};
 pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, ElementKind, Equality, Flex, Joint, JointKind, Mocap, Site};
 pub use error::WorldError;
 pub use fields::ModelField;
+pub use files::{Assets, Open};
 pub use full_state::{FullState, RowWorlds};
 pub use kinematics::Arm;
 pub use model::Model;

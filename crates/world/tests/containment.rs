@@ -2,7 +2,9 @@
 
 use std::sync::{Arc, Once};
 
-use mishandle_world::{Assets, Model, WorldError, mjcf_of_untrusted_urdf, run_child, set_child_program};
+use mishandle_world::{
+    Assets, Model, Visuals, WorldError, mjcf_of_untrusted_urdf, run_child, set_child_program,
+};
 
 /// Flag by which this program knows that it is the child.
 const CHILD: &str = "--show-output";
@@ -16,7 +18,7 @@ fn the_child() {
     }
 }
 
-fn register() {
+pub fn register() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         let program = std::env::current_exe().unwrap().into();
@@ -27,7 +29,7 @@ fn register() {
 
 fn error(xml: &str) -> WorldError {
     register();
-    Model::from_untrusted(xml, Arc::default()).unwrap_err()
+    Model::from_untrusted(xml, &Assets::new(), Visuals::Discard).unwrap_err()
 }
 
 const PENDULUM: &str = r#"<mujoco><worldbody><body><joint name="j" type="hinge" axis="0 1 0"/>
@@ -43,7 +45,7 @@ fn a_sound_model_is_as_without_a_child() {
         (0..100).for_each(|_| world.step());
         (world.qpos()[0].to_bits(), world.qvel()[0].to_bits())
     };
-    let tried = Model::from_untrusted(PENDULUM, Arc::default()).unwrap();
+    let tried = Model::from_untrusted(PENDULUM, &Assets::new(), Visuals::Discard).unwrap();
     assert_eq!(state(tried), state(Model::from_xml(PENDULUM).unwrap()));
 }
 
@@ -83,7 +85,7 @@ fn an_arena_without_space_is_enlarged() {
     let xml = format!(
         "<mujoco><size memory=\"16K\"/><worldbody><geom type=\"plane\" size=\"1 1 1\"/>{boxes}</worldbody></mujoco>"
     );
-    let model = Model::from_untrusted(&xml, Arc::default()).unwrap();
+    let model = Model::from_untrusted(&xml, &Assets::new(), Visuals::Discard).unwrap();
     let mut world = model.world();
     (0..20).for_each(|_| world.step());
     assert!(world.qpos().iter().all(|value| value.is_finite()));

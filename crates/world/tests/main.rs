@@ -8,6 +8,7 @@ mod assets;
 mod contacts;
 mod containment;
 mod field_changes;
+mod files;
 mod flex;
 mod kinematics;
 mod limits;

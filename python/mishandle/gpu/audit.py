@@ -204,9 +204,7 @@ class CpuPhysics:
     :class:`mishandle.gpu.batches.WarpBatch`."""
 
     def __init__(self, arguments: dict[str, Any]) -> None:
-        self.model = gpu.compile_model(
-            arguments["xml"], arguments["timestep"], arguments.get("assets")
-        )
+        self.model = gpu.compile_model(arguments["model"], arguments["timestep"])
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         self.data = mujoco.MjData(self.model)
         self.servos = np.array(arguments["servos"])

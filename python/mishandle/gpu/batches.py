@@ -90,16 +90,18 @@ def step(model: Any, data: Any, set_controls: Callable[[], None]) -> None:
     mjw.implicit(model, data)
 
 
-def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes] | None = None) -> Any:
-    """Compiles an MJCF document, which refers to files by their names in ``assets``, for MuJoCo
-    Warp."""
+def compile_model(source: str | bytes, timestep: float) -> Any:
+    """Compiles an MJCF document, or loads a compiled model (MJB), for MuJoCo Warp."""
     for package, module in (("mujoco", mujoco), ("mujoco-warp", mjw)):
         if (found := module.__version__) != MUJOCO_VERSION:
             raise RuntimeError(
                 f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install "
                 "'.[gpu]' in a clone of Mishandle"
             )
-    model = mujoco.MjModel.from_xml_string(xml, dict(assets or {}))
+    if isinstance(source, str):
+        model = mujoco.MjModel.from_xml_string(source)
+    else:
+        model = mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": source})
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         raise RuntimeError(
             "the device gpu needs a model without tendons and with the integrator implicitfast; in "
@@ -161,26 +163,26 @@ class _Announcement:
 class WarpBatch:
     """Worlds of one model, one per row, that MuJoCo Warp steps together.
 
-    Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics
-    steps per control step, the servos of the first actuators (rows with the columns
+    Arguments: the model (MJCF or MJB), the physics step (s), the number of worlds, the number of
+    physics steps per control step, the servos of the first actuators (rows with the columns
     ``servos.COLUMNS``), the bodies that ``forces`` push, the fields of the model that
     :meth:`write_fields` replaces, such as ``geom_friction`` or ``opt.gravity``, and the device. A
     probe, with the keys ``probe.KEYS``, measures forces and motion over the physics steps; without
-    one, nothing is measured. ``assets`` are the files that the document refers to, by name.
+    one, nothing is measured.
     """
 
     def __init__(
-        self, xml: str, timestep: float, rows: int, substeps: int,
+        self, model: str | bytes, timestep: float, rows: int, substeps: int,
         servos: Sequence[Sequence[float]], pushed: Sequence[int] = (), fields: Sequence[str] = (),
         device: str | None = None, constraint_rows: int | None = None,
-        probe: Mapping[str, Any] | None = None, assets: Mapping[str, bytes] | None = None
+        probe: Mapping[str, Any] | None = None
     ) -> None:
         self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
         with _Announcement(), wp.ScopedDevice(self._device):
-            model = compile_model(xml, timestep, assets)
-            self._put_model(model, fields)
-            self._allocate(model, servos, pushed, constraint_rows, probe)
+            loaded = compile_model(model, timestep)
+            self._put_model(loaded, fields)
+            self._allocate(loaded, servos, pushed, constraint_rows, probe)
             self._record()
 
     def _put_model(self, model: Any, fields: Sequence[str]) -> None:

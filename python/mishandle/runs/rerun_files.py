@@ -81,7 +81,7 @@ def to_rerun(
         raise InvalidValueError(
             "the replay differs from the record: " + "; ".join(scene["differences"])
         )
-    model = mujoco.MjModel.from_xml_string(scene["xml"], scene["assets"])
+    model = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": scene["model"]})
     recording = rr.RecordingStream(
         "mishandle", recording_id=f"{scene['target']}-{scene['place'][0]}-{scene['place'][1]}"
     )

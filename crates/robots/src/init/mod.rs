@@ -80,10 +80,10 @@ pub fn first_file(
     sizes: PolicySizes,
     measured: Option<&Measured>,
 ) -> Result<FirstFile, RobotError> {
-    let (document, model_facts) = crate::model::plain(model, paths.allow_outside)?;
+    let model_facts = crate::model::plain(model, paths.allow_outside)?;
     let is_bare = facts.joints.is_empty() && facts.observed_joints.is_empty();
     let facts = &if is_bare { bare::facts_of(&model_facts) } else { robot::named_as_in(&model_facts, facts) };
-    let robot = robot::RobotFacts::read(model, &document, model_facts, facts)?;
+    let robot = robot::RobotFacts::read(model, model_facts, facts)?;
     if is_bare && robot.joints.is_empty() && robot.model.actuators() == 0 {
         let message =
             "nothing can be moved: it has no actuator, and no hinge or slide with a name".to_string();

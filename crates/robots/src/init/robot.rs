@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mishandle_world::{ElementKind, JointKind, Model, ModelField};
+use mishandle_world::{ElementKind, GeomKind, JointKind, Model, ModelField};
 
 use crate::error::RobotError;
 use crate::init::facts::{PolicyFacts, Tool, wrong};
@@ -32,7 +32,7 @@ pub(crate) struct RobotFacts {
     pub keyframe: Option<String>,
     /// The site at which mjlab measures the velocity of the base.
     pub site: Option<String>,
-    /// Whether the model names an integrator that is implicit in velocities.
+    /// Whether the integrator of the model is implicit in velocities.
     pub is_implicit: bool,
     pub floor: Floor,
     /// Body for payloads and pushes.
@@ -83,12 +83,7 @@ pub(crate) enum Floor {
 }
 
 impl RobotFacts {
-    pub(crate) fn read(
-        file: &Path,
-        document: &str,
-        model: Model,
-        facts: &PolicyFacts,
-    ) -> Result<RobotFacts, RobotError> {
+    pub(crate) fn read(file: &Path, model: Model, facts: &PolicyFacts) -> Result<RobotFacts, RobotError> {
         let mut unknown = Vec::new();
         let mut remarks = facts.remarks.clone();
         let names = moved_joints(&model, facts, &mut unknown)?;
@@ -117,8 +112,8 @@ impl RobotFacts {
                 format!("the name `{name}` has a quotation mark or a backslash; rename it in the model");
             return Err(RobotError::Model { path: file.to_path_buf(), message });
         }
-        let is_implicit = document.contains("integrator=\"implicit");
-        let floor = floor(document, &model);
+        let is_implicit = model.is_implicit();
+        let floor = floor(&model);
         let mass = model.field(ModelField::BodyMass).iter().sum();
         Ok(RobotFacts {
             joints,
@@ -406,12 +401,13 @@ fn velocity_site(
     found
 }
 
-fn floor(document: &str, model: &Model) -> Floor {
+fn floor(model: &Model) -> Floor {
     let names = model.names(ElementKind::Geom);
+    let is_ground = |kind| matches!(kind, GeomKind::Plane | GeomKind::HeightField(_));
     let is_floor = |name: &&String| ["floor", "ground", "plane", "terrain"].contains(&name.as_str());
     match names.iter().find(is_floor) {
         Some(name) => Floor::Named(name.clone()),
-        None if document.contains("\"plane\"") || document.contains("\"hfield\"") => Floor::Unnamed,
+        None if model.geoms().iter().any(|geom| is_ground(geom.kind)) => Floor::Unnamed,
         None => Floor::Missing,
     }
 }

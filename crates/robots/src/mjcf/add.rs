@@ -2,12 +2,11 @@
 
 use roxmltree::{Document, Node};
 
-use crate::mjcf::assets::{FOLDERS, refuse};
-use crate::mjcf::edit::{check_files, names, of_kind};
+use crate::mjcf::MjcfError;
+use crate::mjcf::edit::{FOLDERS, names, of_kind};
 use crate::mjcf::matching::known_names;
 use crate::mjcf::splice::Splices;
 use crate::mjcf::tree::{elements, inner, line_at, name, parse, sections};
-use crate::mjcf::{MjcfError, Source};
 
 /// Sections to which elements can be added.
 const SECTIONS: [&str; 8] =
@@ -18,10 +17,9 @@ pub(crate) fn elements_of(
     parent: &str,
     xml: &str,
     document: &Document<'_>,
-    source: &Source,
     splices: &mut Splices,
 ) -> Result<(), MjcfError> {
-    check(xml, source)?;
+    check(xml)?;
     if parent == "world" {
         to_section("worldbody", xml, document, splices);
         return Ok(());
@@ -41,7 +39,7 @@ pub(crate) fn elements_of(
 }
 
 /// Checks that a fragment consists of elements that can be added.
-fn check(xml: &str, source: &Source) -> Result<(), MjcfError> {
+fn check(xml: &str) -> Result<(), MjcfError> {
     let wrapped = format!("<fragment>{xml}</fragment>");
     let fragment = parse(&wrapped, "")?;
     let root = fragment.root_element();
@@ -58,8 +56,15 @@ fn check(xml: &str, source: &Source) -> Result<(), MjcfError> {
     if root.descendants().any(|node| name(node) == "compiler" || folders(&node)) {
         return Err(MjcfError::edit("a compiler cannot be added; set its attributes"));
     }
-    refuse(&fragment).map_err(|(at, message)| MjcfError::new("", Some(line_at(&wrapped, at)), message))?;
-    check_files(root, source)
+    for node in root.descendants().filter(Node::is_element) {
+        let reason = match name(node) {
+            "plugin" | "extension" => "plugins run code and are not loaded; remove them from the model",
+            "include" => "includes are not possible here",
+            _ => continue,
+        };
+        return Err(MjcfError::new("", Some(line_at(&wrapped, node.range().start)), reason));
+    }
+    Ok(())
 }
 
 /// Adds elements to the last section with a name, which is made if it is missing.

@@ -1,35 +1,23 @@
-//! One document from a file and the files that it includes.
+//! One text of a document and the documents that it includes, as edits see it.
 
 use std::collections::HashSet;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
-use crate::mjcf::MjcfError;
-use crate::mjcf::folder::Folder;
-use crate::mjcf::tree::{inner, line_at, name as name_of, parse};
+use crate::mjcf::source::decoded;
+use crate::mjcf::splice::Splices;
+use crate::mjcf::tree::{inner, lenient, name, parse};
+use crate::mjcf::{MjcfError, Source};
 
-/// The largest depth of includes.
-const DEPTH: usize = 32;
-
-/// A document, and where its parts are from.
-#[derive(Debug)]
+/// A composed text, and where its parts are from.
+#[derive(Debug, Default)]
 pub(crate) struct Composed {
-    pub(crate) document: String,
+    pub(crate) text: String,
     pieces: Vec<Piece>,
-    files: Vec<File>,
+    /// Names and texts of the files. That of the document is empty.
+    files: Vec<(String, String)>,
 }
 
-#[derive(Debug)]
-struct File {
-    /// Path for messages.
-    name: String,
-    /// Folder relative to that of the main file, empty or with a slash at its end.
-    folder: String,
-    text: Rc<str>,
-}
-
-/// A part of the document that begins at `start` and is from byte `from` of a file on.
+/// A part of the text that begins at `start` and is from byte `from` of a file on.
 #[derive(Debug)]
 struct Piece {
     start: usize,
@@ -38,96 +26,82 @@ struct Piece {
 }
 
 impl Composed {
-    /// Reads the includes of a text of MJCF.
-    pub(crate) fn new(path: &Path, text: String, folder: &mut Folder) -> Result<Composed, MjcfError> {
-        let name = path.display().to_string();
-        let main = File { name, folder: String::new(), text: text.into() };
-        let length = main.text.len();
-        let composed = Composed { document: String::new(), pieces: Vec::new(), files: vec![main] };
-        let mut composer = Composer { composed, folder, included: path.canonicalize().into_iter().collect() };
-        composer.append(0, 0..length, 0)?;
-        Ok(composer.composed)
+    /// Replaces the includes of a document by what their root elements contain. MuJoCo has parsed
+    /// it, so each file is there and is included once.
+    pub(crate) fn new(source: &Source) -> Result<Composed, MjcfError> {
+        let mut composed = Composed::default();
+        composed.append(String::new(), &source.document, source, &mut HashSet::new())?;
+        Ok(composed)
     }
 
-    /// Makes an error about a byte of the document.
-    pub(crate) fn error(&self, at: usize, message: impl Into<String>) -> MjcfError {
-        let (file, from) = self.origin(at);
-        MjcfError::new(&file.name, Some(line_at(&file.text, from)), message)
-    }
-
-    /// Returns the folder of the file that a byte of the document is from, relative to that of the
-    /// main file.
-    pub(crate) fn folder_at(&self, at: usize) -> &str {
-        &self.origin(at).0.folder
-    }
-
-    fn origin(&self, at: usize) -> (&File, usize) {
-        let index = self.pieces.partition_point(|piece| piece.start <= at).saturating_sub(1);
-        let piece = &self.pieces[index];
-        (&self.files[piece.file], piece.from + at - piece.start)
-    }
-}
-
-struct Composer<'a> {
-    composed: Composed,
-    folder: &'a mut Folder,
-    included: HashSet<PathBuf>,
-}
-
-impl Composer<'_> {
-    /// Appends a part of a file, with its includes.
-    fn append(&mut self, file: usize, part: Range<usize>, depth: usize) -> Result<(), MjcfError> {
-        let text = self.composed.files[file].text.clone();
-        let name = self.composed.files[file].name.clone();
-        let document = parse(&text, &name)?;
-        let error = |at: usize, message: String| MjcfError::new(&name, Some(line_at(&text, at)), message);
-        let mut from = part.start;
-        let within = |at: usize| part.contains(&at);
-        let includes = document.descendants().filter(|node| within(node.range().start));
-        for include in includes.filter(|node| name_of(*node) == "include") {
-            let range = include.range();
-            self.copy(file, from..range.start, &text);
-            from = range.end;
-            let Some(target) = include.attribute("file") else {
-                return Err(error(range.start, "an include needs the attribute `file`".to_string()));
-            };
-            if depth == DEPTH {
-                return Err(error(range.start, format!("includes are nested more than {DEPTH} deep")));
-            }
-            let target = target.replace('\\', "/");
-            let candidates = [target.clone(), format!("{}{target}", self.composed.files[file].folder)];
-            let found = self.folder.find(&candidates).map_err(|message| error(range.start, message))?;
-            let Some((number, path)) = found else {
-                return Err(error(range.start, format!("the included file `{target}` does not exist")));
-            };
-            if !self.included.insert(path.clone()) {
-                return Err(error(
-                    range.start,
-                    format!("`{target}` is included a second time; MuJoCo includes a file once"),
-                ));
-            }
-            let bytes = self.folder.read(&path);
-            let bytes =
-                bytes.map_err(|reason| error(range.start, format!("cannot read `{target}`: {reason}")))?;
-            let text = String::from_utf8(bytes)
-                .map_err(|_| error(range.start, format!("`{target}` is not UTF-8 text")))?;
-            self.include(&candidates[number], text, depth + 1)?;
+    /// Applies replacements to the files that the replaced parts are from.
+    pub(crate) fn apply(self, splices: Splices, source: &mut Source) {
+        let mut of_files: Vec<Splices> = self.files.iter().map(|_| Splices::default()).collect();
+        for (range, text) in splices.into_parts() {
+            let piece = self.pieces.partition_point(|piece| piece.start <= range.start).saturating_sub(1);
+            let Piece { start, file, from } = self.pieces[piece];
+            of_files[file].replace(range.start - start + from..range.end - start + from, text);
         }
-        self.copy(file, from..part.end, &text);
+        for ((name, text), splices) in self.files.into_iter().zip(of_files) {
+            let edited = splices.apply(&text);
+            if name.is_empty() {
+                source.document = edited;
+            } else if edited != text {
+                source.assets.insert(name, edited.into_bytes());
+            }
+        }
+    }
+
+    /// Appends a file, with its includes.
+    fn append(
+        &mut self,
+        own: String,
+        text: &str,
+        source: &Source,
+        included: &mut HashSet<String>,
+    ) -> Result<(), MjcfError> {
+        let lenient = lenient(text);
+        let document = parse(&lenient, &own)?;
+        let part = if own.is_empty() { Some(0..text.len()) } else { inner(document.root_element()) };
+        let part = part.unwrap_or(0..0);
+        let folder = own.rfind('/').map_or("", |slash| &own[..=slash]).to_string();
+        let file = self.files.len();
+        self.files.push((own, text.to_string()));
+        let mut from = part.start;
+        let within = document.descendants().filter(|node| part.contains(&node.range().start));
+        for include in within.filter(|node| name(*node).eq_ignore_ascii_case("include")) {
+            let range = include.range();
+            self.copy(file, from..range.start, text);
+            from = range.end;
+            let target = include.attribute("file").unwrap_or_default();
+            let candidates = [reduced(target), reduced(&format!("{folder}{target}"))];
+            let found = candidates.into_iter().find_map(|name| {
+                let bytes = source.assets.get(&name)?;
+                Some((name, decoded(bytes).into_owned()))
+            });
+            if let Some((name, text)) = found.filter(|(name, _)| included.insert(name.clone())) {
+                self.append(name, &text, source, included)?;
+            }
+        }
+        self.copy(file, from..part.end, text);
         Ok(())
     }
 
-    /// Appends what the root element of an included file contains.
-    fn include(&mut self, target: &str, text: String, depth: usize) -> Result<(), MjcfError> {
-        let part = inner(parse(&text, target)?.root_element()).unwrap_or(0..0);
-        let folder = target.rfind('/').map_or(String::new(), |slash| target[..=slash].to_string());
-        self.composed.files.push(File { name: target.to_string(), folder, text: text.into() });
-        self.append(self.composed.files.len() - 1, part, depth)
-    }
-
     fn copy(&mut self, file: usize, part: Range<usize>, text: &str) {
-        let start = self.composed.document.len();
-        self.composed.pieces.push(Piece { start, file, from: part.start });
-        self.composed.document.push_str(&text[part]);
+        self.pieces.push(Piece { start: self.text.len(), file, from: part.start });
+        self.text.push_str(&text[part]);
     }
+}
+
+/// Returns a path without `.` and without `..` after a folder, as MuJoCo does.
+fn reduced(path: &str) -> String {
+    let mut parts: Vec<&str> = Vec::new();
+    for part in path.split(['/', '\\']) {
+        match part {
+            "." => {}
+            ".." if parts.last().is_some_and(|last| !matches!(*last, ".." | "")) => drop(parts.pop()),
+            _ => parts.push(part),
+        }
+    }
+    parts.join("/")
 }

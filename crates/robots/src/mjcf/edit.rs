@@ -1,10 +1,10 @@
 use roxmltree::{Document, Node};
 
-use crate::mjcf::assets::{FOLDERS, is_file};
 use crate::mjcf::classes::{Classes, class_of};
+use crate::mjcf::compose::Composed;
 use crate::mjcf::matching::{Pattern, known_names};
 use crate::mjcf::splice::{Splices, escape};
-use crate::mjcf::tree::{after_name, elements, name, parse, sections};
+use crate::mjcf::tree::{after_name, elements, lenient, name, parse, sections};
 use crate::mjcf::{MjcfError, Source, add};
 
 /// An edit of a document.
@@ -71,12 +71,17 @@ const ACTUATORS: [&str; 8] =
 /// Sections whose elements have several names.
 const MIXED: [&str; 5] = ["actuator", "sensor", "equality", "tendon", "contact"];
 
-/// Returns the document after an edit.
-pub(crate) fn apply(edit: &Edit, source: &Source) -> Result<String, MjcfError> {
-    let document = parse(&source.document, "")?;
+/// Attributes of the compiler that say where files are.
+pub(crate) const FOLDERS: [&str; 4] = ["meshdir", "texturedir", "assetdir", "strippath"];
+
+/// Makes an edit.
+pub(crate) fn apply(edit: &Edit, source: &mut Source) -> Result<(), MjcfError> {
+    let composed = Composed::new(source)?;
+    let text = lenient(&composed.text);
+    let document = parse(&text, "")?;
     let mut splices = Splices::default();
     match edit {
-        Edit::Add { parent, xml } => add::elements_of(parent, xml, &document, source, &mut splices)?,
+        Edit::Add { parent, xml } => add::elements_of(parent, xml, &document, &mut splices)?,
         Edit::Set { kind, select, attributes } => {
             check_attributes(attributes)?;
             for element in selected(&document, kind, select)? {
@@ -91,7 +96,8 @@ pub(crate) fn apply(edit: &Edit, source: &Source) -> Result<String, MjcfError> {
         Edit::Compiler { attributes } => set_section("compiler", attributes, &document, &mut splices)?,
         Edit::Option { attributes } => set_section("option", attributes, &document, &mut splices)?,
     }
-    Ok(splices.apply(&source.document))
+    composed.apply(splices, source);
+    Ok(())
 }
 
 /// Returns the elements of a kind in the model, without those of default classes.
@@ -273,19 +279,4 @@ fn own_elements<'a, 'b>(node: Node<'a, 'b>, joints: &mut Vec<Node<'a, 'b>>, bodi
             _ => {}
         }
     }
-}
-
-/// Checks that elements refer only to files of the model.
-pub(crate) fn check_files(root: Node<'_, '_>, source: &Source) -> Result<(), MjcfError> {
-    for node in root.descendants().filter(Node::is_element) {
-        for attribute in node.attributes().filter(|attribute| is_file(node, attribute)) {
-            if !source.assets.contains_key(attribute.value()) {
-                return Err(MjcfError::edit(format!(
-                    "`{}` is not a file of the model; an edit cannot add one, so refer to it in the model",
-                    attribute.value()
-                )));
-            }
-        }
-    }
-    Ok(())
 }

@@ -19,6 +19,8 @@ pub(crate) struct Folder {
     read: u64,
     /// The files that were read.
     files: Vec<PathBuf>,
+    /// Why the first file that was refused was refused.
+    refusal: Option<String>,
 }
 
 impl Folder {
@@ -29,7 +31,7 @@ impl Folder {
             _ => PathBuf::from("."),
         };
         let canonical = path.canonicalize().map_err(|error| error.to_string())?;
-        Ok(Folder { path, canonical, allow_outside, read: 0, files: Vec::new() })
+        Ok(Folder { path, canonical, allow_outside, read: 0, files: Vec::new(), refusal: None })
     }
 
     /// Returns the files that were read, the main file first.
@@ -50,6 +52,27 @@ impl Folder {
         Some(folder.join(rest).to_string_lossy().into_owned())
     }
 
+    /// Returns the content of a file that MuJoCo asks for, relative to the folder. `None` if it
+    /// does not exist or is refused: [`refusal`](Self::refusal) says why.
+    pub(crate) fn open(&mut self, name: &str) -> Option<Vec<u8>> {
+        let content = match self.find(name) {
+            Ok(Some(path)) => {
+                self.read(&path).map(Some).map_err(|reason| format!("cannot read `{name}`: {reason}"))
+            }
+            Ok(None) => Ok(None),
+            Err(refusal) => Err(refusal),
+        };
+        content.unwrap_or_else(|refusal| {
+            self.refusal.get_or_insert(refusal);
+            None
+        })
+    }
+
+    /// Returns why the first file that was refused was refused.
+    pub(crate) fn refusal(&self) -> Option<&str> {
+        self.refusal.as_deref()
+    }
+
     /// Reads a file.
     pub(crate) fn read(&mut self, path: &Path) -> Result<Vec<u8>, String> {
         let bytes = read_bounded(path, limits::MODEL).map_err(|error| error.to_string())?;
@@ -64,25 +87,16 @@ impl Folder {
         Ok(bytes)
     }
 
-    /// Returns the first file that exists of these, which are relative to the folder: its number
-    /// and its path without symbolic links.
-    pub(crate) fn find(&self, candidates: &[String]) -> Result<Option<(usize, PathBuf)>, String> {
-        for (number, name) in candidates.iter().enumerate() {
-            if let Some(path) = self.find_one(name)? {
-                return Ok(Some((number, path)));
-            }
-        }
-        Ok(None)
-    }
-
-    fn find_one(&self, name: &str) -> Result<Option<PathBuf>, String> {
+    /// Returns the path of a file, relative to the folder, without symbolic links; `None` if it
+    /// does not exist.
+    pub(crate) fn find(&self, name: &str) -> Result<Option<PathBuf>, String> {
         let outside = || {
             Err(format!(
                 "`{name}` is outside the folder of the model; if you trust the model, allow files outside it with the \
                  setting `allow_outside`, which is `allow_outside = true` in [model] of a target file"
             ))
         };
-        if name.contains("://") {
+        if name.contains(":/") {
             return Err(format!("`{name}` is a link; only files can be read"));
         }
         if !self.allow_outside && leaves(Path::new(name)) {

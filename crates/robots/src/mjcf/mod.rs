@@ -1,14 +1,12 @@
-//! MJCF documents as text: a model with the files that it refers to, and edits of it.
+//! Documents of models: reading them with their files, and edits of MJCF.
 //!
-//! - [`Source::read`] follows includes and collects meshes and textures. A model is untrusted: no
-//!   file outside its folder is read, sizes and counts are bounded, plugins are refused.
-//! - [`Source::edit`] adds elements, sets attributes and makes actuators.
-//!
-//! The text changes only where something is replaced or inserted, so all numbers keep their digits
-//! and a model that is compiled from it has the bits of the file. URDF can be read, not edited.
+//! - [`Source::read`] lets MuJoCo read a model. A model is untrusted: MuJoCo gets no file outside
+//!   its folder, sizes and counts are bounded.
+//! - [`Source::edit`] adds elements, sets attributes and makes actuators, in the document and in
+//!   those that it includes. Text changes only where something is replaced or inserted, so all
+//!   numbers keep their digits. URDF can be read, not edited.
 
 mod add;
-mod assets;
 mod classes;
 mod compose;
 mod edit;
@@ -22,4 +20,5 @@ mod urdf;
 
 pub use edit::{Edit, Select};
 pub use error::MjcfError;
+pub(crate) use source::ModelFiles;
 pub use source::Source;

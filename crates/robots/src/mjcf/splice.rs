@@ -17,6 +17,11 @@ impl Splices {
         self.replace(at..at, text);
     }
 
+    /// Returns ranges and texts, in the order in which they were added.
+    pub(crate) fn into_parts(self) -> Vec<(Range<usize>, String)> {
+        self.0
+    }
+
     /// Returns the text with all replacements.
     pub(crate) fn apply(mut self, text: &str) -> String {
         self.0.sort_by_key(|(range, _)| (range.start, range.end));

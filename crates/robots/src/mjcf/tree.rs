@@ -37,6 +37,67 @@ pub(crate) fn parse<'a>(text: &'a str, file: &str) -> Result<Document<'a>, MjcfE
     }
 }
 
+/// Returns a document in which everything that MuJoCo ignores, and what is not valid XML but MuJoCo
+/// reads, is replaced by as many other bytes: texts, comments, declarations and document types by
+/// spaces, and in values `<`, and `&` without an entity, by `_`. Lines stay.
+pub(crate) fn lenient(document: &str) -> String {
+    const SKIPPED: [(&str, &str); 4] = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">")];
+    let mut out = String::with_capacity(document.len());
+    let blank = |text: &str, out: &mut String| {
+        out.extend(text.bytes().map(|byte| if byte == b'\n' { '\n' } else { ' ' }));
+    };
+    let mut rest = document;
+    while !rest.is_empty() {
+        let tag = rest.find('<').unwrap_or(rest.len());
+        blank(&rest[..tag], &mut out);
+        rest = &rest[tag..];
+        let skipped = SKIPPED.iter().find(|(start, _)| rest.starts_with(start));
+        if let Some((start, end)) = skipped {
+            let length = rest[start.len()..].find(end).map_or(rest.len(), |at| start.len() + at + end.len());
+            blank(&rest[..length], &mut out);
+            rest = &rest[length..];
+            continue;
+        }
+        let mut quote = None;
+        let mut length = 0;
+        for (at, letter) in rest.char_indices() {
+            length = at + letter.len_utf8();
+            let is_kept = quote.is_none() || (letter != '<' && (letter != '&' || is_entity(&rest[at..])));
+            out.push(if is_kept { letter } else { '_' });
+            match quote {
+                None if letter == '>' => break,
+                None => quote = Some(letter).filter(|letter| matches!(letter, '"' | '\'')),
+                Some(open) if open == letter => quote = None,
+                Some(_) => {}
+            }
+        }
+        rest = &rest[length..];
+    }
+    out
+}
+
+/// Returns whether text begins with an entity that every XML document has.
+fn is_entity(text: &str) -> bool {
+    let Some((entity, _)) = text[1..].split_once(';') else { return false };
+    match entity.strip_prefix('#') {
+        None => ["amp", "lt", "gt", "quot", "apos"].contains(&entity),
+        Some(code) => {
+            let code = code
+                .strip_prefix('x')
+                .map_or_else(|| code.parse().ok(), |hex| u32::from_str_radix(hex, 16).ok());
+            // roxmltree knows no control characters.
+            code.and_then(char::from_u32).is_some_and(|letter| !letter.is_control() || letter.is_whitespace())
+        }
+    }
+}
+
+/// Returns the name of the first element of a document without comments.
+pub(crate) fn root(lenient: &str) -> &str {
+    let name = lenient.split_once('<').map_or("", |(_, rest)| rest);
+    let end = name.find(|letter: char| letter.is_whitespace() || matches!(letter, '/' | '>'));
+    &name[..end.unwrap_or(name.len())]
+}
+
 /// Returns the line of an element with too many attributes. Quotes are counted, also in texts.
 fn too_many_attributes(text: &str) -> Option<usize> {
     let mut quotes = 0;

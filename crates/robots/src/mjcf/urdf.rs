@@ -1,12 +1,49 @@
 //! URDF: meshes of links.
 
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, HashSet};
+use std::path::PathBuf;
+
 use roxmltree::Node;
 
-use crate::mjcf::assets::Assets;
 use crate::mjcf::folder::Folder;
 use crate::mjcf::splice::Splices;
-use crate::mjcf::tree::{elements, line_at, name, parse};
+use crate::mjcf::tree::{elements, lenient, line_at, name, parse};
 use crate::mjcf::{MjcfError, Source};
+
+/// Meshes by their names in the document.
+#[derive(Debug, Default)]
+struct Assets {
+    names: BTreeMap<PathBuf, String>,
+    /// Names in lower case, which MuJoCo may not distinguish.
+    taken: HashSet<String>,
+    files: BTreeMap<String, Vec<u8>>,
+}
+
+impl Assets {
+    /// Reads a file, once, and returns its name: that of the file without its folder and without
+    /// letters that mean something in XML or a path, with a number before it if another file has
+    /// that name. MuJoCo drops the folders of meshes, so those of two files would be one.
+    fn add(&mut self, path: PathBuf, folder: &mut Folder) -> Result<String, String> {
+        let own = match self.names.entry(path) {
+            Entry::Occupied(known) => return Ok(known.get().clone()),
+            Entry::Vacant(own) => own,
+        };
+        let bytes = folder.read(own.key())?;
+        let file = own.key().file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+        let is_plain = |letter: char| letter.is_alphanumeric() || matches!(letter, '.' | '_' | '-' | ' ');
+        let file: String = file.chars().map(|letter| if is_plain(letter) { letter } else { '_' }).collect();
+        let mut unique = file.clone();
+        let mut number = 1;
+        while !self.taken.insert(unique.to_lowercase()) {
+            number += 1;
+            unique = format!("{number}_{file}");
+        }
+        self.files.insert(unique.clone(), bytes);
+        own.insert(unique.clone());
+        Ok(unique)
+    }
+}
 
 /// The prefix of a path that begins with the name of a package.
 const PACKAGE: &str = "package://";
@@ -14,7 +51,8 @@ const PACKAGE: &str = "package://";
 /// Reads the meshes of a URDF document. Those that are only seen may be missing: MuJoCo discards
 /// them unless the document says otherwise.
 pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Source, MjcfError> {
-    let document = parse(text, file)?;
+    let lenient = lenient(text);
+    let document = parse(&lenient, file)?;
     let error = |at: usize, message: String| MjcfError::new(file, Some(line_at(text, at)), message);
     let mut splices = Splices::default();
     let mut meshdir = String::new();
@@ -27,12 +65,6 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
         }
     }
     for extension in elements(document.root_element()).filter(|node| name(*node) == "mujoco") {
-        if let Some(plugin) =
-            extension.descendants().find(|node| matches!(name(*node), "plugin" | "extension"))
-        {
-            let message = "plugins run code and are not loaded; remove them from the model";
-            return Err(error(plugin.range().start, message.to_string()));
-        }
         for compiler in elements(extension).filter(|node| name(*node) == "compiler") {
             for attribute in compiler.attributes() {
                 match attribute.name() {
@@ -53,8 +85,9 @@ pub(crate) fn collect(file: &str, text: &str, folder: &mut Folder) -> Result<Sou
         let path = attribute.value().replace('\\', "/");
         let mut candidates = candidates(&path, &meshdir, folder.allows_outside());
         candidates.extend(folder.in_ancestor(path.strip_prefix(PACKAGE).unwrap_or_default()));
-        match folder.find(&candidates).map_err(|message| error(at, message))? {
-            Some((_, path)) => {
+        let found = candidates.iter().find_map(|name| folder.find(name).transpose()).transpose();
+        match found.map_err(|message| error(at, message))? {
+            Some(path) => {
                 let unique = assets.add(path, folder).map_err(|reason| error(at, reason))?;
                 splices.replace(attribute.range_value(), unique);
             }

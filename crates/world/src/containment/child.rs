@@ -1,12 +1,13 @@
-//! The child: limits itself, reads a request, tries the model and answers.
+//! The child: limits itself, reads a request, tries the model, asks for its files and answers.
 
 use std::ffi::{CStr, c_char};
 use std::io::Write;
-use std::sync::Arc;
 
-use super::message::{Answer, read_request};
+use super::message::{Answer, ask, read_request};
 use super::{Task, compiled};
-use crate::{Assets, WorldError, mjcf_of_urdf};
+use crate::WorldError;
+use crate::compile::{Visuals, mjcf_of, parse};
+use crate::files::{Open, prepare};
 
 /// Processor time of a trial, s.
 pub const CPU_SECONDS: u64 = 60;
@@ -23,29 +24,38 @@ const STEPS: usize = 10;
 
 /// Tries the model that the parent sends and answers it. Returns the exit code of the process.
 pub fn run_child() -> u8 {
+    prepare();
     limit();
     // SAFETY: no other thread runs MuJoCo in this process.
     #[allow(unsafe_code)]
     unsafe {
         mujoco_rs::mujoco_c::mju_user_error = Some(fatal);
     }
-    let Some((task, xml, assets)) = read_request(&mut std::io::stdin().lock()) else { return 2 };
-    let trial = std::thread::Builder::new().stack_size(STACK).spawn(move || attempt(task, &xml, assets));
+    let Some((task, xml)) = read_request(&mut std::io::stdin().lock()) else { return 2 };
+    let trial = std::thread::Builder::new().stack_size(STACK).spawn(move || attempt(task, &xml));
     let Ok(Ok(result)) = trial.map(std::thread::JoinHandle::join) else { return 2 };
     answer(&Answer::of(result));
     0
 }
 
-fn attempt(task: Task, xml: &str, assets: Assets) -> Result<(), WorldError> {
+fn attempt(task: Task, xml: &str) -> Result<(), WorldError> {
+    // A parent that has ended answers no question.
+    let open: &mut Open<'_> =
+        &mut |name| ask(name, &mut std::io::stdin().lock(), &mut std::io::stdout().lock()).ok().flatten();
     match task {
-        Task::Convert => mjcf_of_urdf(xml, &assets).map(drop),
-        Task::Simulate => simulate(xml, assets),
+        Task::Parse => parse(xml, open),
+        Task::Read => {
+            compiled(xml, Visuals::Keep, open)?;
+            simulate(xml, Visuals::Discard, open)
+        }
+        Task::Simulate(visuals) => simulate(xml, visuals, open),
+        Task::Convert => mjcf_of(xml, open).map(drop),
     }
 }
 
 /// Takes steps at nominal and at random controls, from the initial state and from each keyframe.
-fn simulate(xml: &str, assets: Assets) -> Result<(), WorldError> {
-    let model = compiled(xml, Arc::new(assets))?;
+fn simulate(xml: &str, visuals: Visuals, open: &mut Open<'_>) -> Result<(), WorldError> {
+    let model = compiled(xml, visuals, open)?;
     let mut world = model.world();
     world.reset();
     for _ in 0..STEPS {
@@ -87,6 +97,8 @@ fn limit() {
         // A crash writes no image of the process, and nothing else writes a file.
         (Resource::Core, 0),
         (Resource::Fsize, 0),
+        // Its input and output are open, and nothing else will be.
+        (Resource::Nofile, 0),
     ];
     for (resource, limit) in limits {
         // A system that lacks one of them has the others, and the parent limits the time.

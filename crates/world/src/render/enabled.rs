@@ -49,7 +49,7 @@ impl Renderer {
         let [width, height] = [factor * size.width(), factor * size.height()];
         let bare = picture.compile()?;
         let lit = light::with_lights(&bare, [width, height], quality, &Surroundings::new(&bare));
-        let lit = Model::from_xml_with_assets(&lit, picture.assets.clone())?;
+        let lit = Model::from_xml_with_assets(&lit, &picture.assets)?;
         let model = light::without_others(lit, &bare, quality);
         let stage = Stage::new(&model, picture, size, camera)?;
         let camera = match stage.placement {

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use crate::{Assets, Model, WorldError};
+use crate::{Assets, Model, Visuals, WorldError};
 
 mod animation;
 mod caption;
@@ -64,9 +64,9 @@ impl PictureModel {
     /// If MuJoCo rejects the document.
     pub fn compile(&self) -> Result<Model, WorldError> {
         if self.is_untrusted {
-            Model::from_untrusted(&self.document, self.assets.clone())
+            Model::from_untrusted(&self.document, &self.assets, Visuals::Keep)
         } else {
-            Model::from_xml_with_assets(&self.document, self.assets.clone())
+            Model::from_xml_with_assets(&self.document, &self.assets)
         }
     }
 }
