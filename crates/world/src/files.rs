@@ -18,8 +18,8 @@ pub type Assets = BTreeMap<String, Vec<u8>>;
 /// Returns the content of a file that MuJoCo asks for by such a path; `None` refuses it.
 pub type Open<'a> = dyn FnMut(&str) -> Option<Vec<u8>> + Send + 'a;
 
-/// The folder of the document for MuJoCo is so many folders [`LEVEL`] below [`BASE`], so that a
-/// path through the folders above it can be told from an absolute one. No disk has a file there,
+/// The number of folders [`LEVEL`] between [`BASE`] and the document, as MuJoCo sees it: a path
+/// through the folders above it differs from an absolute one. No disk has a file there,
 /// because the base is a device.
 const LEVELS: usize = 32;
 const BASE: &str = "/dev/null/";
@@ -30,8 +30,8 @@ static FOLDER: LazyLock<String> = LazyLock::new(|| format!("{BASE}{}", LEVEL.rep
 /// The name of the document, which no file of a model has.
 const DOCUMENT: &str = "@.xml";
 
-/// What is in the root folder. MuJoCo reads a path from the disk unless a provider is mounted at it
-/// or above it, and the root folder itself cannot be such a place.
+/// The entries of the root folder. MuJoCo reads a path from the disk unless a provider is mounted
+/// at it or above it, and the root folder itself cannot be such a place.
 static ROOTS: LazyLock<Vec<CString>> = LazyLock::new(|| {
     let found = std::fs::read_dir("/").into_iter().flatten().flatten();
     let names = found.map(|entry| entry.file_name().into_encoded_bytes());

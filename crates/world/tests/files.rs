@@ -113,7 +113,7 @@ fn a_refused_file_is_not_there() {
     let files = files_of_untrusted(&model("<include file=\"a.xml\"/>"), Opened::All, &mut |_: &str| None);
     let error = files.unwrap_err().to_string();
     assert!(error.contains("Error opening file 'a.xml'"), "{error}");
-    // What is asked for has the path of the document, wherever that is.
+    // A requested file has the path of the document, wherever that is.
     let mut asked = Vec::new();
     for path in ["a/./b.xml", "../c.xml", "../../../d.xml", "/etc/e.xml", "x/../../f.xml"] {
         let document = model(&format!("<include file=\"{path}\"/>"));

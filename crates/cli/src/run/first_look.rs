@@ -29,10 +29,10 @@ const DISTURBANCE: &str = "disturbance";
 /// Spaces that are left out: one joins others, the axes of the other are random draws.
 const LEFT_OUT: [&str; 2] = [DISTURBANCE, "noise"];
 
-/// What the pages of a first look simulate: pictures alone.
+/// The simulations of the pages of a first look: those of the pictures alone.
 const SAMPLES: Samples = Samples { probes: 0, sensitivity: 0, repeats: 0 };
 
-/// What a first look asks besides the runs of its campaign.
+/// The question of a first look besides the runs of its campaign.
 pub struct FirstLook {
     margin: Plan,
 }
@@ -103,7 +103,7 @@ pub fn write_pages(folder: &Path) -> Result<ExitStatus> {
     pages::write_campaign(folder, &folder.join("pages"), &options)
 }
 
-/// Returns the cause of the counterexample of a search, or that there is none.
+/// Returns the cause of the counterexample of a search, or how many simulations found none.
 fn cause(answer: &Answer) -> String {
     let fact = verdict(answer).and_then(|found| found.facts.into_iter().find(|fact| fact.label == "cause"));
     match (fact, answer) {

@@ -43,8 +43,8 @@ fn start_of(model: &Model) -> &[f64] {
 enum Hold {
     /// A number.
     Control(f64),
-    /// A force on a joint: position at the start, stiffness and damping, and the force for a control
-    /// of 1.
+    /// A force on a joint: position at the start, stiffness and damping, and the force for a
+    /// control of 1.
     Joint { joint: usize, start: f64, gains: [f64; 2], force: f64 },
 }
 
