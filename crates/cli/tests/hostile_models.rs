@@ -95,3 +95,18 @@ fn a_target_file_without_policy_is_described() {
     assert!(page.starts_with("arm (robot)\n") && page.contains("always(angle <= 1)"), "{page}");
     bench.refuses("evaluate arm.toml --episodes 2", &["--controller FILE"]);
 }
+
+#[test]
+fn an_edit_opens_no_file_outside_the_folder_of_the_model() {
+    let bench = bench("");
+    for path in ["/etc/passwd", "../../etc/passwd.stl", "x/../../passwd.stl"] {
+        let add =
+            format!("\n[[model.add]]\nparent = \"asset\"\nxml = '<mesh name=\"m\" file=\"{path}\"/>'\n");
+        let text = format!(
+            "{}\n[model]\nfile = \"arm.xml\"\n{add}",
+            TARGET.replace("model.file = \"arm.xml\"\n", "")
+        );
+        bench.write("edited.toml", &text);
+        bench.refuses("list edited.toml", &[&format!("`{path}` is outside the folder of the model")]);
+    }
+}
