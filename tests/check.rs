@@ -4,11 +4,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::check::{CheckSubject, Requirements, check, differences, verified};
+use mishandle::check::{CheckProgress, CheckSubject, Requirements, check, differences, verified};
 use mishandle::counterexample::Counterexample;
 use mishandle::plan::CheckSettings;
 use mishandle::requirements::{RequirementFile, TEMPLATES};
-use mishandle::results::{Check, CheckCell, CheckVerdict, Command};
+use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckVerdict, Command};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
@@ -404,4 +404,70 @@ fn templates_apply_to_the_tasks() {
             }
         }
     }
+}
+
+/// Requirements in one space share their random scenarios, so one that states fewer has more: its
+/// evidence says why. A result without this sentence does not follow from the runs.
+#[test]
+fn a_row_says_why_it_has_another_number_of_random_scenarios_than_its_requirement_states() {
+    let x = signal();
+    let few = format!("[[requirement]]\nname = \"few\"\nformula = \"always({x} >= -10)\"\nepisodes = 30\n");
+    let text = format!("{few}[[requirement]]\nname = \"other\"\nformula = \"always({x} >= -11)\"\n");
+    let alone = few.as_str();
+    for (text, episodes, expected) in [
+        (
+            &*text,
+            None,
+            Some("; 100 random scenarios instead of its 30: requirements in one space share them"),
+        ),
+        (alone, None, None),
+        (alone, Some(7), Some("; 7 random scenarios instead of its 30: this number was requested")),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = CheckSettings { episodes, ..settings() };
+        let mut announced = None;
+        let mut watch = |progress: &CheckProgress| {
+            announced = announced.or(progress.largest);
+            ControlFlow::Continue(())
+        };
+        let requirements = file(text);
+        let asked = of_file(&requirements, text);
+        let found = check(&[subject(TARGET, "", 1)], &asked, &settings, folder.path(), &mut watch);
+        let found = found.unwrap().unwrap();
+        let few = cell(&found, "few");
+        match expected {
+            Some(expected) => assert!(few.evidence.ends_with(expected), "{}", few.evidence),
+            None => assert!(!few.evidence.contains("instead"), "{}", few.evidence),
+        }
+        // Nothing is violated, so that no simulation is left out.
+        let run: u64 = found.controllers[0].runs.iter().map(|run| run.simulations).sum();
+        let announced = announced.unwrap();
+        assert_eq!((announced.simulations(), announced.random), (run, few.random.simulations));
+        assert_eq!(verified(folder.path(), words).unwrap().unwrap().cells[0].evidence, few.evidence);
+    }
+}
+
+/// The worst violation can be one that a search for another requirement found, which counts in no
+/// rate.
+#[test]
+fn the_worst_violation_says_what_found_it() {
+    let x = signal();
+    let named = |name: &str, threshold: f64| {
+        format!("[[requirement]]\nname = \"{name}\"\nformula = \"always({x} >= {threshold})\"\n")
+    };
+    // Random scenarios violate `wide`, and the search for `narrow` comes closer to the point.
+    let text = named("wide", 0.3) + &named("narrow", 0.0);
+    let folder = tempfile::tempdir().unwrap();
+    let found = run(&text, folder.path(), 2);
+    let runs = &found.controllers[0].runs;
+    let wide = cell(&found, "wide");
+    let worst = wide.counterexample.as_ref().unwrap();
+    assert!(wide.random.violated > 0 && worst.run == runs[1].run, "{wide:?}");
+    let by = "found by the search for narrow";
+    assert_eq!(found.found_by(worst).as_deref(), Some(by));
+    let verdict = mishandle::verdict::check(&found);
+    let fact = verdict.facts.iter().find(|fact| fact.text.starts_with("wide: ")).unwrap();
+    assert!(fact.text.ends_with(&format!(" ({by})")), "{}", fact.text);
+    let random = CheckCounterexample { run: runs[0].run.clone(), ..worst.clone() };
+    assert_eq!(found.found_by(&random).as_deref(), Some("a random scenario"));
 }

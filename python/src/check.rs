@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle::check::{CheckProgress, CheckSubject, Requirements};
+use mishandle::check::{CheckCost, CheckProgress, CheckSubject, Requirements};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::rollout::NamedFormula;
 use mishandle::stl::Formula;
@@ -60,7 +60,12 @@ pub fn check(
     let subject = CheckSubject { plan: target.plan.clone(), target: Some(under_test) };
     let found = detached(py, target, || {
         let mut watch = |done: &CheckProgress| {
-            report(target, progress.as_ref(), done.done, done.largest.unwrap_or(done.all))
+            report(
+                target,
+                progress.as_ref(),
+                done.done,
+                done.largest.map_or(done.all, CheckCost::simulations),
+            )
         };
         mishandle::check::check(&[subject], &requirements, &target.settings.check, &out, &mut watch)
     })?;

@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use mishandle_falsification::PhysicsChecks;
 use mishandle_requirements::{WrittenRequirement, unit_of};
 use mishandle_results::Words;
 use mishandle_rollout::Target;
 
-use super::{CheckSubject, Requirements};
+use super::row::{StatedEpisodes, stated_episodes};
+use super::{CheckCost, CheckSubject, Requirements};
 use crate::error::{MishandleError, problem};
 use crate::plan::{CheckSettings, EvaluatePlan, FalsifyPlan, Plan};
 use crate::resolve::{ResolvedPlan, missing_signals, target};
@@ -84,9 +86,26 @@ impl<'a> Checker<'a> {
     }
 
     /// Returns the largest number of simulations of all runs.
-    pub(super) fn largest(&self) -> Result<u64, MishandleError> {
-        let searches = self.asked.iter().filter_map(|asked| asked.search.as_ref());
-        self.random.iter().chain(searches).map(|resolved| Ok(cost(resolved)?.simulations)).sum()
+    pub(super) fn cost(&self) -> Result<CheckCost, MishandleError> {
+        let sum = |plans: &mut dyn Iterator<Item = &ResolvedPlan>| -> Result<u64, MishandleError> {
+            plans.map(|resolved| Ok(cost(resolved)?.simulations)).sum()
+        };
+        let mut of_violation = 0;
+        for alone in self.asked.iter().filter_map(|asked| asked.alone.as_ref()) {
+            let is_checked = alone.physics_checks()?.are_possible();
+            of_violation = of_violation.max(1 + if is_checked { PhysicsChecks::most(1) } else { 0 });
+        }
+        Ok(CheckCost {
+            random: sum(&mut self.random.iter())?,
+            searched: sum(&mut self.asked.iter().filter_map(|asked| asked.search.as_ref()))?,
+            of_violation,
+        })
+    }
+
+    /// Returns the numbers of random scenarios that the file states in the space of a requirement.
+    pub(super) fn stated(&self, asked: &Asked<'_>) -> StatedEpisodes {
+        let same_space = self.applicable().filter(|other| other.space == asked.space);
+        StatedEpisodes::new(asked.written, same_space.map(|other| other.written))
     }
 
     /// Looks up and checks the plans of all runs.
@@ -131,8 +150,7 @@ impl<'a> Checker<'a> {
 
     /// Returns the number of random scenarios of a requirement.
     fn episodes(&self, asked: &Asked<'_>) -> u64 {
-        let own = self.settings.episodes.or(asked.written.check.episodes);
-        own.unwrap_or(EvaluatePlan::default().episodes)
+        self.settings.episodes.unwrap_or_else(|| stated_episodes(asked.written))
     }
 
     /// Returns the plan of random scenarios.

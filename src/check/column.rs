@@ -29,7 +29,8 @@ pub(super) struct Column {
 impl Checker<'_> {
     /// Runs what is missing. Returns `None` if it was interrupted.
     pub(super) fn run(&self, watch: Watch<'_>) -> Result<Option<Column>, MishandleError> {
-        let mut rows: Vec<Row> = self.asked.iter().map(|asked| Row::new(&asked.written.name)).collect();
+        let mut rows: Vec<Row> =
+            self.asked.iter().map(|asked| Row::new(&asked.written.name, self.stated(asked))).collect();
         let mut runs = Vec::new();
         let mut ends = EndCounts::default();
         let mut programs = BTreeSet::new();

@@ -63,7 +63,33 @@ pub struct CheckProgress {
     /// Number of all its simulations.
     pub all: u64,
     /// Largest number of simulations of all runs: in the first call alone, before any of them.
-    pub largest: Option<u64>,
+    pub largest: Option<CheckCost>,
+}
+
+/// The largest numbers of simulations of a check, without the probes before each run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CheckCost {
+    /// Random scenarios, which the requirements in a space share.
+    pub random: u64,
+    /// Simulations of the searches for violations of the requirements that no random scenario
+    /// violates.
+    pub searched: u64,
+    /// Further ones for each violation, which is simulated again, with other solvers of the
+    /// physics.
+    pub of_violation: u64,
+}
+
+impl CheckCost {
+    /// Returns the largest number of simulations of all runs.
+    pub fn simulations(self) -> u64 {
+        self.random + self.searched
+    }
+
+    fn add(&mut self, other: CheckCost) {
+        self.random += other.random;
+        self.searched += other.searched;
+        self.of_violation = self.of_violation.max(other.of_violation);
+    }
 }
 
 /// Gets the progress now and then, and can end the check, which a later call continues.
@@ -93,7 +119,10 @@ pub fn check(
     let checkers = checkers?;
     let _lock = folder::open(folder, requirements.text)?;
     let mut columns = Vec::new();
-    let largest = checkers.iter().map(Checker::largest).sum::<Result<u64, MishandleError>>()?;
+    let mut largest = CheckCost::default();
+    for checker in &checkers {
+        largest.add(checker.cost()?);
+    }
     let start = CheckProgress { phase: String::new(), done: 0, all: 0, largest: Some(largest) };
     if watch(&start).is_break() {
         return Ok(None);

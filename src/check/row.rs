@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use mishandle_evaluation::{clopper_pearson, count_end};
+use mishandle_requirements::WrittenRequirement;
 use mishandle_results as results;
 use mishandle_results::{
     CheckCell, CheckCounts, CheckVerdict, EndCounts, Estimate, Number, Vacuous, WithoutVerdict,
@@ -11,7 +12,7 @@ use mishandle_store::{RunFile, Simulation};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{EvaluatePlan, Plan};
 use crate::run::open_text;
 use crate::run::rows::{REQUIREMENT, episode_end};
 use crate::run::{OneTrace, asks_nothing};
@@ -19,11 +20,39 @@ use crate::run::{OneTrace, asks_nothing};
 /// Two one-sided 95 % bounds.
 const CONFIDENCE: f64 = 0.9;
 
+/// Numbers of random scenarios that the file of requirements states.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct StatedEpisodes {
+    /// That of a requirement; `None` if it states none.
+    own: Option<u64>,
+    /// The largest of the requirements in its space, which share their random scenarios.
+    largest: u64,
+}
+
+impl StatedEpisodes {
+    /// The numbers of a requirement and of all in its space.
+    pub fn new<'a>(
+        written: &WrittenRequirement,
+        same_space: impl Iterator<Item = &'a WrittenRequirement>,
+    ) -> StatedEpisodes {
+        let largest = same_space.map(stated_episodes).max().unwrap_or_default();
+        StatedEpisodes { own: written.check.episodes, largest }
+    }
+}
+
+/// Returns the number of random scenarios that a requirement asks for.
+pub(super) fn stated_episodes(written: &WrittenRequirement) -> u64 {
+    written.check.episodes.unwrap_or(EvaluatePlan::default().episodes)
+}
+
 /// Numbers and the worst simulation of all runs for a requirement.
 #[derive(Debug, Default)]
 pub(super) struct Row {
     /// Name of the requirement.
     name: String,
+    stated: StatedEpisodes,
+    /// Number of random scenarios of the plan.
+    episodes: u64,
     random: CheckCounts,
     searched: CheckCounts,
     /// Largest share of the simulations without a verdict that allows a conclusion.
@@ -42,8 +71,8 @@ pub(super) struct Row {
 }
 
 impl Row {
-    pub fn new(name: &str) -> Row {
-        Row { name: name.to_string(), ..Row::default() }
+    pub fn new(name: &str, stated: StatedEpisodes) -> Row {
+        Row { name: name.to_string(), stated, ..Row::default() }
     }
 
     /// Adds a run whose simulations ended so.
@@ -154,6 +183,7 @@ impl Row {
             }
             (verdict, _) => verdict,
         };
+        sentence += &self.why_others();
         let invalid_starts = self.random.invalid_starts + self.searched.invalid_starts;
         if invalid_starts > 0 {
             let left_out = plural(invalid_starts, "scenario");
@@ -169,6 +199,20 @@ impl Row {
 
     fn why_unclear(&self) -> String {
         self.unclear.as_ref().map_or(String::new(), |why| format!(" ({why})"))
+    }
+
+    /// Says why there are more or fewer random scenarios than the requirement states; empty if
+    /// there are as many.
+    fn why_others(&self) -> String {
+        let Some(own) = self.stated.own.filter(|own| *own != self.episodes && self.episodes > 0) else {
+            return String::new();
+        };
+        let why = if self.episodes == self.stated.largest {
+            "requirements in one space share them"
+        } else {
+            "this number was requested"
+        };
+        format!("; {} instead of its {own}: {why}", plural(self.episodes, "random scenario"))
     }
 
     fn verdict_of_rate(&self, limit: f64) -> (CheckVerdict, String) {
@@ -256,10 +300,11 @@ pub(super) fn add(
         }
         count_end(&mut ends, end, has_all, 1);
     }
-    let max_share = Plan::from_toml(&header.plan)?.max_without_verdict;
+    let plan = Plan::from_toml(&header.plan)?;
     for row in rows {
-        row.max_share = max_share;
+        row.max_share = plan.max_without_verdict;
         if let Some(found) = found.iter().find(|found| found.name == row.name) {
+            row.episodes = plan.evaluate.as_ref().map_or(row.episodes, |evaluate| evaluate.episodes);
             row.add(found, &ends, run, is_random);
         }
     }

@@ -16,7 +16,7 @@ use mishandle_store::{RunFile, RunKind};
 use super::cell::NOT_REPRODUCED;
 use super::column::program;
 use super::folder::{REQUIREMENTS, RESULT, file_digest, finished, is_path_of};
-use super::row::{self, Row};
+use super::row::{self, Row, StatedEpisodes};
 use super::violation::{self, normal};
 use crate::error::{MishandleError, problem};
 use crate::plan::Plan;
@@ -75,12 +75,13 @@ pub fn differences<'r>(
     place: impl Fn(&str) -> PathBuf,
 ) -> Result<CheckDifferences, MishandleError> {
     let mut all = CheckDifferences::default();
-    let stated = RequirementFile::from_toml(requirements);
-    if file_digest(requirements) != found.requirements_digest
-        || !stated.is_ok_and(|file| is_about(found, &file))
-    {
+    let file = RequirementFile::from_toml(requirements).ok();
+    let file =
+        file.filter(|file| file_digest(requirements) == found.requirements_digest && is_about(found, file));
+    if file.is_none() {
         all.problems.push("it is about other requirements than its file".to_string());
     }
+    let written = file.map_or(Vec::new(), |file| file.requirements);
     let mut programs = BTreeSet::new();
     let mut searched = "";
     let (mut ends, mut max_share) = (EndCounts::default(), Plan::MAX_WITHOUT_VERDICT);
@@ -104,7 +105,7 @@ pub fn differences<'r>(
         let is_run = |requirement: &CheckedRequirement| {
             files.iter().any(|(_, _, plan)| plan.requirements.contains_key(&requirement.name))
         };
-        let (rows, of_runs) = rows(found, &files, is_run, &mut all.problems)?;
+        let (rows, of_runs) = rows(found, &written, &files, is_run, &mut all.problems)?;
         ends.add_all(of_runs);
         if files.is_empty() {
             let name = &controller.name;
@@ -155,13 +156,22 @@ type Named<'f, 'r> = (&'f CheckRun, &'r RunFile, Plan);
 /// ended. They must be the runs that a check makes, in its order: none can be left out.
 fn rows(
     found: &Check,
+    written: &[WrittenRequirement],
     files: &[Named<'_, '_>],
     is_run: impl Fn(&CheckedRequirement) -> bool,
     problems: &mut Vec<String>,
 ) -> Result<(Vec<Row>, EndCounts), MishandleError> {
     let mut ends = EndCounts::default();
-    let mut rows: Vec<Row> =
-        found.requirements.iter().map(|requirement| Row::new(&requirement.name)).collect();
+    let asked: Vec<(usize, &CheckedRequirement)> =
+        found.requirements.iter().enumerate().filter(|(_, requirement)| is_run(requirement)).collect();
+    let stated = |requirement: &CheckedRequirement| {
+        let is_in_space = |(_, other): &&(usize, &CheckedRequirement)| other.space == requirement.space;
+        let same_space = asked.iter().filter(is_in_space).filter_map(|(index, _)| written.get(*index));
+        let own = written.iter().find(|own| own.name == requirement.name);
+        own.map_or(StatedEpisodes::default(), |own| StatedEpisodes::new(own, same_space))
+    };
+    let row = |requirement: &CheckedRequirement| Row::new(&requirement.name, stated(requirement));
+    let mut rows: Vec<Row> = found.requirements.iter().map(row).collect();
     let mut left = files.iter();
     let mut next = |rows: &mut [Row], asked: (CheckRunKind, &str, Option<&str>)| {
         let (kind, space, requirement) = asked;
@@ -179,8 +189,6 @@ fn rows(
         }
         Ok::<(), MishandleError>(())
     };
-    let asked: Vec<(usize, &CheckedRequirement)> =
-        found.requirements.iter().enumerate().filter(|(_, requirement)| is_run(requirement)).collect();
     let mut spaces: Vec<&str> = Vec::new();
     for (_, requirement) in &asked {
         if !spaces.contains(&requirement.space.as_str()) {

@@ -4,7 +4,7 @@ use mishandle_stl::{DecisivePredicate, is_satisfied, is_violated};
 
 use crate::inspect::explanation::OperatorEvent;
 use crate::inspect::{Explanation, PredicateHistory};
-use mishandle_text::decimal;
+use mishandle_text::{decimal, short_unit};
 
 /// Largest number of characters of an operand that a sentence repeats.
 const MAX_OPERAND: usize = 80;
@@ -61,7 +61,7 @@ pub fn compared_values(predicate: &DecisivePredicate, unit: &str) -> String {
 
 fn quantity(value: f64, unit: &str) -> String {
     let number = decimal(value, 4);
-    if unit.is_empty() { number } else { format!("{number} {unit}") }
+    if unit.is_empty() { number } else { format!("{number} {}", short_unit(unit)) }
 }
 
 /// Describes the values of a predicate. `makes` says what they make of the operand that contains

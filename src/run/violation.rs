@@ -8,7 +8,7 @@ use mishandle_stl::{
     is_satisfied, is_violated,
 };
 use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader};
-use mishandle_text::sample_time;
+use mishandle_text::{sample_time, short_unit};
 
 use crate::error::MishandleError;
 use crate::run::rows;
@@ -193,7 +193,9 @@ pub(crate) fn described(
     }
     let Some(predicate) = &diagnosis.predicate else { return Ok(found) };
     found.predicate.clone_from(&predicate.text);
-    let unit = |name: &str| header.signals.iter().find(|signal| signal.name == name).map_or("", |s| &s.unit);
+    let unit = |name: &str| {
+        header.signals.iter().find(|signal| signal.name == name).map_or("", |s| short_unit(&s.unit))
+    };
     let time = |sample: usize| sample_time(sample, header.control_dt);
     let required = english(predicate, predicate.is_negated, unit);
     let instead = english(predicate, !predicate.is_negated, unit);

@@ -1,7 +1,16 @@
 //! Values of axes, as text.
 
 use mishandle_results::{AxisFacts, AxisValues};
-use mishandle_text::measured;
+use mishandle_text::{measured, short, short_unit};
+
+/// Largest number of characters of a name from a run file.
+const NAME: usize = 80;
+
+/// Shortens a name from a run file, of an axis, a category, a target or a controller, so that it
+/// hides no other words of its sentence.
+pub(super) fn shown(name: &str) -> String {
+    short(name, NAME)
+}
 
 /// Formats an axis and its value: `gap = 1.5 m`.
 pub fn axis_text(axis: &AxisFacts, value: Option<f64>) -> String {
@@ -14,7 +23,7 @@ pub fn value_text(axis: &AxisFacts, value: Option<f64>) -> String {
     match (value, &axis.values) {
         (None, _) => "random".to_string(),
         (Some(value), AxisValues::Categories(names)) => {
-            names.get((value - axis.low) as usize).cloned().unwrap_or_else(|| value.to_string())
+            names.get((value - axis.low) as usize).map_or_else(|| value.to_string(), |name| shown(name))
         }
         (Some(value), _) if axis.is_discrete() && value.abs() < 1e9 => value.to_string(),
         (Some(value), _) => measured(value),
@@ -25,7 +34,12 @@ pub fn value_text(axis: &AxisFacts, value: Option<f64>) -> String {
 pub fn axis_value(name: &str, value: &str, unit: &str) -> String {
     // Other units are symbols: `s` is seconds.
     let unit = if value == "1" && unit.ends_with("steps") { unit.trim_end_matches('s') } else { unit };
-    format!("{name} = {value} {unit}").trim_end().to_string()
+    format!("{} = {value} {}", shown(name), short_unit(unit)).trim_end().to_string()
+}
+
+/// Formats a range of an axis: `gap from 1 to 2 m`.
+pub(super) fn axis_range(name: &str, [low, high]: [String; 2], unit: &str) -> String {
+    format!("{} from {low} to {high} {}", shown(name), short_unit(unit)).trim_end().to_string()
 }
 
 /// Formats a value off nominal: `observation_delay = 2 control steps (33 ms; nominal 0)`.

@@ -3,6 +3,7 @@
 use mishandle_results::{Check, CheckCell, CheckVerdict};
 use mishandle_text::measured;
 
+use super::axes::axis_value;
 use super::subject::file_name;
 use super::{Conclusion, Verdict, undecided};
 
@@ -53,16 +54,17 @@ fn title(found: &Check, cell: &CheckCell) -> String {
 }
 
 fn violated(found: &Check, cell: &CheckCell) -> String {
-    let off = cell.counterexample.as_ref().map_or(String::new(), |violation| {
+    let worst = cell.counterexample.as_ref().map_or(String::new(), |violation| {
         let values = violation.scenario.iter().filter(|value| value.value != value.nominal);
         let values: Vec<String> = values
             .map(|value| {
                 let number = value.value.map_or("random".to_string(), measured);
-                format!("{} = {number} {}", value.axis, value.unit).trim_end().to_string()
+                axis_value(&value.axis, &number, &value.unit)
             })
             .collect();
         let values = if values.is_empty() { "nominal".to_string() } else { values.join(", ") };
-        format!("; worst at {values}")
+        let by = found.found_by(violation).map_or(String::new(), |by| format!(" ({by})"));
+        format!("; worst at {values}{by}")
     });
-    format!("{}: {}{off}", title(found, cell), cell.evidence)
+    format!("{}: {}{worst}", title(found, cell), cell.evidence)
 }

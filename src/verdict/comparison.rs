@@ -46,7 +46,7 @@ pub fn comparison(found: &Comparison) -> Verdict {
 
 /// Names a run and its controller.
 fn name(run: &ComparedRun) -> String {
-    let controller = run.controller.as_ref().map(|name| file_name(name).to_string());
+    let controller = run.controller.as_ref().map(|name| file_name(name));
     let guard = run.guard.as_ref().map(GuardFacts::words);
     let parts = controller.into_iter().chain(guard).chain([run.run.clone()]);
     parts.collect::<Vec<_>>().join(", ")

@@ -6,7 +6,7 @@ use mishandle_results::{
 };
 use mishandle_text::{measured, p_value_phrase, plural, sample_time};
 
-use super::axes::axis_text;
+use super::axes::{axis_range, axis_text, shown};
 use super::subject::{settings, tested};
 use super::{Conclusion, Verdict, percent, undecided};
 
@@ -120,7 +120,12 @@ fn row(name: &str, estimate: &Estimate, show: &dyn Fn(f64) -> String, corners: S
 fn breaks_text(broken: &Broken, control_dt: f64) -> String {
     let Violation { words, at, decided, .. } = &broken.violation;
     let when = at.or(*decided).map(|at| format!(" at {}", sample_time(at.sample as usize, control_dt)));
-    format!("{}: {words}{} (simulation {})", broken.formula, when.unwrap_or_default(), broken.simulation)
+    format!(
+        "{}: {words}{} (simulation {})",
+        shown(&broken.formula),
+        when.unwrap_or_default(),
+        broken.simulation
+    )
 }
 
 /// Names the parts of the ranges of axes in which the success rate differs.
@@ -153,14 +158,14 @@ fn lowest(bin: &RateBin) -> f64 {
 /// Formats the rate in a part of a range: `payload from 3 to 4 kg: 20 % succeed, 90 % elsewhere`.
 fn bin_text(axis: &AxisRate, bin: &RateBin, fact: Option<&AxisFacts>) -> String {
     let place = match (&bin.values.name, bin.values.low == bin.values.high) {
-        (Some(name), _) => format!("{} = {name}", axis.axis),
+        (Some(name), _) => format!("{} = {}", shown(&axis.axis), shown(name)),
         (None, true) => match fact {
             Some(fact) => axis_text(fact, Some(bin.values.low)),
-            None => format!("{} = {}", axis.axis, measured(bin.values.low)),
+            None => format!("{} = {}", shown(&axis.axis), measured(bin.values.low)),
         },
         (None, false) => {
             let [low, high] = [bin.values.low, bin.values.high].map(measured);
-            format!("{} from {low} to {high} {}", axis.axis, axis.unit).trim_end().to_string()
+            axis_range(&axis.axis, [low, high], &axis.unit)
         }
     };
     let all = &axis.success_rate;

@@ -17,7 +17,7 @@ mod risk;
 mod subject;
 
 use mishandle_results::{Answer, Command, Estimate, Repeats, WithoutVerdict};
-use mishandle_text::measured;
+use mishandle_text::{measured, without_middle};
 
 use crate::run::without_verdict_text;
 
@@ -29,6 +29,10 @@ pub use hardening::hardening;
 pub use margin::category_names;
 pub use monitor::{LogAnswer, log, log_table, monitor, untested};
 pub use subject::tested;
+
+/// Largest number of characters of a text: names and formulas come from run files, which anybody
+/// can write.
+const MAX_TEXT: usize = 2000;
 
 /// The conclusion of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,7 +115,8 @@ pub struct Line {
 impl Verdict {
     /// Returns all lines. `words` is how a front words a command.
     pub fn lines(&self, words: impl Fn(&Command) -> String) -> Vec<Line> {
-        let line = |label, text: &str| Line { label, text: text.to_string(), is_command: false };
+        let line =
+            |label, text: &str| Line { label, text: without_middle(text, MAX_TEXT), is_command: false };
         let headline = std::iter::once(line(self.conclusion.name(), &self.headline));
         let facts = self.facts.iter().map(|fact| line(fact.label, &fact.text));
         let next = self.next.iter().map(|step| Line {

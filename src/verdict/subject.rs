@@ -3,7 +3,7 @@
 use mishandle_results::{AxisFacts, Choice, Key, Subject};
 use mishandle_text::number_text;
 
-use super::axes::axis_text;
+use super::axes::{axis_range, axis_text, shown};
 
 /// Returns what was tested, and under which conditions: `ball-balancing with ppo (space delay)`.
 pub fn tested(subject: &Subject) -> String {
@@ -24,9 +24,11 @@ pub fn tested(subject: &Subject) -> String {
 fn conditions(subject: &Subject) -> Vec<String> {
     let mut found = Vec::new();
     if !subject.space.is_empty() {
-        found.push(format!("space {}", subject.space));
+        found.push(format!("space {}", shown(&subject.space)));
     }
-    found.extend(subject.preset.iter().filter(|preset| *preset != "paper").map(|p| format!("preset {p}")));
+    found.extend(
+        subject.preset.iter().filter(|preset| *preset != "paper").map(|p| format!("preset {}", shown(p))),
+    );
     let set = subject.space_axes.iter().filter(|axis| subject.set_axes.contains(&axis.name));
     found.extend(set.map(range_text));
     if subject.action_noise > 0.0 {
@@ -47,7 +49,7 @@ fn range_text(axis: &AxisFacts) -> String {
         return axis_text(axis, Some(axis.low));
     }
     let [low, high] = [axis.low, axis.high].map(number_text);
-    format!("{} from {low} to {high} {}", axis.name, axis.unit).trim_end().to_string()
+    axis_range(&axis.name, [low, high], &axis.unit)
 }
 
 /// Largest number of axes that are named.
@@ -66,10 +68,10 @@ pub(super) fn varied(subject: &Subject) -> String {
     }
 }
 
-/// Returns the last part of a path; another name stays.
-pub(super) fn file_name(path: &str) -> &str {
+/// Returns the last part of a path; another name stays. A very long one is cut.
+pub(super) fn file_name(path: &str) -> String {
     let is_path = std::path::Path::new(path).extension().is_some();
-    if is_path { path.rsplit('/').next().unwrap_or(path) } else { path }
+    shown(if is_path { path.rsplit('/').next().unwrap_or(path) } else { path })
 }
 
 /// Returns the settings with which the question was asked, as a command needs them.

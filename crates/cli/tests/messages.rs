@@ -352,3 +352,46 @@ fn headers_and_numbers_in_messages_are_short_and_harmless() {
         assert!(longest <= 40, "{arguments}: {err}");
     }
 }
+
+/// A command that gets a file of another kind names the command that reads it, with the file.
+#[test]
+fn a_file_of_another_kind_gets_the_command_that_reads_it() {
+    let bench = Bench::new();
+    bench.write("own log.csv", "time,force\n0,1\n0.1,3\n");
+    bench.write("robot.toml", "model = \"robot.xml\"\n");
+    bench.write("plan.toml", "target = \"toy/sphere-2d\"\n[falsify]\nbudget = 10\n");
+    bench.write("rules.toml", "[[requirement]]\nname = \"a\"\nformula = \"x >= 0\"\n");
+    bench.check("evaluate toy/sphere-2d --episodes 5 --out run.sqlite", 0);
+    bench.write("curve.csv", "iteration,environment_steps\n");
+    let log = "mishandle report --log 'own log.csv' --formula FORMULA --out page.html";
+    let judged = "mishandle monitor --formula FORMULA 'own log.csv'";
+    let falsified = "mishandle falsify robot.toml";
+    let asked = "mishandle run plan.toml";
+    let checked = "mishandle check TARGET --requirements rules.toml --out FOLDER";
+    let shown = "mishandle show run.sqlite";
+    for (arguments, expected) in [
+        ("report 'own log.csv'", log),
+        ("report 'own log.csv' --out p.html", log),
+        ("report run.sqlite 'own log.csv' --open", log),
+        ("report robot.toml --out p.html", falsified),
+        ("report plan.toml", asked),
+        ("report rules.toml --markdown p.md", checked),
+        ("show 'own log.csv'", judged),
+        ("show robot.toml", falsified),
+        ("show plan.toml", asked),
+        ("show rules.toml", checked),
+        ("show curve.csv", "mishandle report curve.csv --out curve.html"),
+        ("replay 'own log.csv'", judged),
+        ("export robot.toml --out rows.csv", falsified),
+        ("compare run.sqlite 'own log.csv' --exact", judged),
+        ("regress --add plan.toml", asked),
+        ("run run.sqlite", shown),
+        ("run 'own log.csv'", judged),
+        ("run rules.toml", checked),
+        ("monitor run.sqlite", shown),
+        ("monitor --formula x>=0 robot.toml", falsified),
+        ("monitor --formula x>=0 plan.toml", asked),
+    ] {
+        check(&bench, arguments, &[expected]);
+    }
+}

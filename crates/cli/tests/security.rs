@@ -7,6 +7,7 @@ use std::process::Command;
 
 use crate::bench::{Bench, SMALL, text};
 use mishandle::controllers::ControllerFile;
+use mishandle::store::{IfExists, RunFile, RunWriter, Simulation};
 
 /// Sets the title of the window, clears the screen, and reverses the order of the characters that
 /// follow.
@@ -235,5 +236,67 @@ fn deeply_nested_and_long_plans_are_errors_within_seconds() {
         bench.write(&format!("{name}.toml"), &plan);
         let printed = run(&mut bench.command(&format!("falsify --plan {name}.toml")), 2);
         assert!(printed.starts_with("error: "), "{name}: {}", &printed[..200.min(printed.len())]);
+    }
+}
+
+/// A run file with valid hashes can have texts of any length. None of them fills a line: a name is
+/// cut, and of other texts the middle is left out.
+#[test]
+fn no_text_of_a_forged_run_fills_a_line() {
+    /// A run file limits names, and no unit or meaning.
+    const NAME: usize = 1900;
+    const LONG: usize = 60_000;
+    /// The longest part of a text that is shown.
+    const MOST: usize = 1000;
+    let bench = Bench::new();
+    bench.check("falsify toy/car-following --formula 'always(gap >= 20)' --out honest.sqlite", 1);
+    let honest = RunFile::open(bench.path("honest.sqlite")).unwrap();
+    let rows = honest.simulations().map(|row| {
+        let row = row.unwrap();
+        honest.simulation(row.trial, row.number).unwrap()
+    });
+    let rows: Vec<Simulation> = rows.collect();
+    let [name, long] = [NAME, LONG].map(|count| "Ж".repeat(count));
+    let mut header = honest.header().clone();
+    for axis in &mut header.axes {
+        axis.name += &name;
+        (axis.unit, axis.meaning) = (long.clone(), long.clone());
+    }
+    header.signals.iter_mut().for_each(|signal| signal.unit.clone_from(&long));
+    header.components.iter_mut().for_each(|component| component.name.clone_from(&name));
+    for text in [&mut header.target.name, &mut header.space, &mut header.search] {
+        text.clone_from(&name);
+    }
+    let mut writer = RunWriter::create(bench.path("forged.sqlite"), &header, IfExists::Refuse).unwrap();
+    for summary in honest.trials().unwrap() {
+        let trial = summary.trial;
+        writer.start_trial(trial.number, trial.seed).unwrap();
+        let own = rows.iter().filter(|row| row.trial == trial.number).cloned();
+        writer.record(&own.collect::<Vec<_>>()).unwrap();
+        writer.end_trial(trial.number, trial.status).unwrap();
+    }
+    writer.close().unwrap();
+    for arguments in [
+        "show forged.sqlite",
+        "show forged.sqlite --verbose",
+        "show forged.sqlite --simulation first",
+        "show forged.sqlite honest.sqlite",
+        "replay forged.sqlite",
+        "compare forged.sqlite honest.sqlite",
+        "compare forged.sqlite honest.sqlite --exact",
+        "report forged.sqlite --out page.html --markdown page.md",
+        "regress --add forged.sqlite --out failure.json",
+        "falsify --resume forged.sqlite",
+    ] {
+        let output = bench.run(arguments);
+        let mut shown = text(&output.stdout) + &text(&output.stderr);
+        assert!(!shown.is_empty(), "{arguments}");
+        for file in ["page.html", "page.md"] {
+            shown += &std::fs::read_to_string(bench.path(file)).unwrap_or_default();
+        }
+        let longest = shown.split(|c| c != 'Ж').map(|run| run.chars().count()).max().unwrap();
+        assert!(longest <= MOST, "{arguments}: {longest} characters");
+        let line = shown.lines().map(|line| line.chars().filter(|c| *c == 'Ж').count()).max().unwrap();
+        assert!(line <= 3 * MOST, "{arguments}: {line} characters in a line");
     }
 }

@@ -217,14 +217,18 @@ fn facts(report: &RunReport, lead: Option<&Lead<'_>>, id: usize) -> String {
         let ways = plural(modes as u64, "failure mode");
         lines.push(["ways".to_string(), format!("<a href=\"#r{id}-modes\">{ways}</a>")]);
     }
-    let random = report.measured.as_ref().map_or(&[][..], |measured| &measured.scenarios);
-    if !random.is_empty() && report.axis_rates().is_none() {
-        let failing = random.iter().filter(|point| point.fails()).count();
-        let share = percent(failing as f64 / random.len() as f64);
-        lines.push([
-            "how often".to_string(),
-            format!("{failing} of {} random simulations of the space fail ({share})", random.len()),
-        ]);
+    if let Some(measured) = report.measured.as_ref().filter(|measured| !measured.scenarios.is_empty()) {
+        let all = measured.scenarios.len();
+        let failing = measured.scenarios.iter().filter(|point| point.fails()).count();
+        let share = percent(failing as f64 / all as f64);
+        let often = match measured.has_all_points {
+            true => Some(format!("{failing} of the {all} points of the space fail")),
+            false if report.axis_rates().is_none() => {
+                Some(format!("{failing} of {all} random simulations of the space fail ({share})"))
+            }
+            false => None,
+        };
+        lines.extend(often.map(|often| ["how often".to_string(), often]));
     }
     let row = |[name, value]: &[String; 2]| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n");
     let rows: String = lines.iter().map(row).collect();

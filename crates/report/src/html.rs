@@ -43,22 +43,12 @@ pub fn lines(lines: &[String]) -> String {
 
 /// Makes a text visible and short, for charts, which escape it themselves.
 pub fn visible(text: &str) -> String {
-    let count = text.chars().count();
-    if count <= MAX_TEXT {
-        return mishandle_text::visible(text);
-    }
-    let first: String = text.chars().take(MAX_TEXT / 2).collect();
-    let last: String = text.chars().skip(count - MAX_TEXT / 2).collect();
-    mishandle_text::visible(&first) + " … " + &mishandle_text::visible(&last)
+    mishandle_text::visible(&mishandle_text::without_middle(text, MAX_TEXT))
 }
 
 /// Shortens a label to `length` characters.
 pub fn short(label: &str, length: usize) -> String {
-    let label = visible(label);
-    if label.chars().count() <= length {
-        return label;
-    }
-    label.chars().take(length.saturating_sub(1)).chain(['…']).collect()
+    mishandle_text::short(&visible(label), length)
 }
 
 /// Formats a number with about four significant digits.

@@ -64,8 +64,8 @@ mod words;
 pub use bisection::{BisectionEvidence, bisection_page};
 pub use campaign::{RunSummary, campaign_page, run_page};
 pub use check::{
-    CHECK_REPORTS, CheckFigures, check_markdown, check_page, check_reports, marked_verdict, off_nominal,
-    summary as check_summary,
+    CHECK_REPORTS, CheckFigures, check_markdown, check_page, check_reports, marked_verdict,
+    summary as check_summary, worst_place,
 };
 pub use comparison::comparison_page;
 pub use flipped_pairs::FlippedPairs;

@@ -353,6 +353,11 @@ impl RunReport {
         first.or_else(mode).or_else(|| self.closest.as_ref().map(Lead::alone))
     }
 
+    /// Returns whether the page simulated each point of the space.
+    pub(crate) fn has_all_points(&self) -> bool {
+        self.measured.as_ref().is_some_and(|measured| measured.has_all_points)
+    }
+
     /// Says on the page that nothing was simulated, and why.
     pub fn note_no_simulations(&mut self, reason: &str) {
         self.no_simulations = Some(format!(

@@ -115,7 +115,7 @@ pub fn figures(report: &RunReport, id: usize) -> String {
         _ => String::new(),
     };
     let shown = shown + &random_text(report, random);
-    if axes.len() > 1 && decided.len() < FEWEST {
+    if axes.len() > 1 && decided.len() < FEWEST && !report.has_all_points() {
         return format!(
             "<p>The page has {} with a verdict, too few for a map.</p>\n",
             mishandle_text::plural(decided.len() as u64, "simulation")
@@ -182,6 +182,13 @@ fn random_text(report: &RunReport, random: &[Point]) -> String {
     }
     let failing = random.iter().filter(|point| point.fails()).count() as u64;
     let without = random.len() as u64 - decided;
+    let fail = if failing == 1 { "fails" } else { "fail" };
+    if report.has_all_points() {
+        return format!(
+            " The page simulated each of the {} of the space: {failing} {fail}.",
+            mishandle_text::plural(random.len() as u64, "point")
+        );
+    }
     // Repeats of a scenario with other seeds are not independent scenarios.
     let is_repeated = report.measured.as_ref().is_some_and(|measured| measured.noise.is_some());
     let rate = mishandle::evaluation::failure_rate(failing, without, random.len() as u64);
@@ -192,9 +199,8 @@ fn random_text(report: &RunReport, random: &[Point]) -> String {
         _ => String::new(),
     };
     format!(
-        " The page simulated {} of the whole space: {failing} {}{interval}.",
-        mishandle_text::plural(random.len() as u64, "random scenario"),
-        if failing == 1 { "fails" } else { "fail" }
+        " The page simulated {} of the whole space: {failing} {fail}{interval}.",
+        mishandle_text::plural(random.len() as u64, "random scenario")
     )
 }
 
@@ -231,7 +237,7 @@ impl Drawing<'_> {
             x,
             y: linear("robustness", range),
         };
-        self.chart(panel, &format!("Robustness over {}", self.report.axes[axis].name))
+        self.chart(panel, &format!("Robustness over {}", label(&self.report.axes[axis])))
     }
 
     /// Draws a map of two axes, interpolated between the simulations.
@@ -336,7 +342,7 @@ impl Drawing<'_> {
             series: vec![self.dots(at), Series::new(color::FAIL, Mark::Segment, border)],
             marks: self.marks(at),
         };
-        self.chart(panel, &format!("Robustness over {} and {}", axes[x].name, axes[y].name))
+        self.chart(panel, &format!("Robustness over {} and {}", label(&axes[x]), label(&axes[y])))
     }
 
     fn chart(&self, panel: Panel, what: &str) -> String {
@@ -402,6 +408,7 @@ impl Drawing<'_> {
         let values: Vec<String> = named.map(value).collect();
         let more = if self.report.axes.len() > TITLE_VALUES { ", …" } else { "" };
         let place = match point.trial {
+            0 if self.report.has_all_points() => "simulated for this page".to_string(),
             0 => "random scenario of this page".to_string(),
             trial if trial > MAX_TRIALS => format!("trial {}, moved toward nominal", trial - MAX_TRIALS),
             trial => format!("trial {trial}, simulation {}", point.number),

@@ -20,6 +20,7 @@ use crate::RunReport;
 use crate::load::{MAX_MODES, Point, smallest_failure};
 use crate::pictures::{self, LeadPictures, Painter, PictureError, Pictures};
 use crate::sensitivity::{self, Sensitivity};
+use crate::space::Extent;
 
 /// By what fraction of an axis the box of a failure mode is widened on each side.
 const MARGIN: f64 = 0.1;
@@ -54,8 +55,10 @@ pub struct Measured {
     pub witness: Option<Pictures>,
     /// The failure with which the page begins, beside the nominal simulation.
     pub lead: LeadPictures,
-    /// Random scenarios of the whole space, for the maps.
+    /// Scenarios of the whole space, for the maps: random ones, or all.
     pub scenarios: Vec<Point>,
+    /// Whether `scenarios` are all points of the space, each once.
+    pub has_all_points: bool,
     pub noise: Option<Noise>,
     /// Total effects of the axes.
     pub sensitivity: Option<Sensitivity>,
@@ -91,9 +94,13 @@ pub enum Measurement {
     Interrupted,
 }
 
-/// Random scenarios in a box around the failures of a mode.
+/// Scenarios in a box around the failures of a mode: random ones, or all points of the space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
+    /// Extent of the space.
+    pub extent: Extent,
+    /// Whether all points of the space in the box were simulated.
+    pub has_all_points: bool,
     /// Volume of the box as a share of the space.
     pub volume: f64,
     /// Number of the scenarios that fail.
@@ -210,7 +217,15 @@ impl RunReport {
         let modes = self.representatives.len() as u64;
         let noise = if depends_on_seed { scenarios_of_space(probes) * NOISE.1 } else { 0 };
         let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
+        let extent = Extent::of(axes);
         let mapped = self.mapped(resolved, probes);
+        // A random sample of a few points has each of them several times.
+        let is_asked = probes > 0 && !depends_on_seed && (modes > 0 || mapped > 0);
+        let points = if is_asked { extent.scenarios(axes, scenarios_of_space(probes)) } else { None };
+        let (mapped, probed) = match &points {
+            Some(points) => (points.len() as u64, 0),
+            None => (mapped, u64::from(probes)),
+        };
         let unmoved = self.minimal.iter().filter(|minimal| minimal.is_none()).count() as u64;
         let mut checks = resolved.physics_checks()?;
         let checked = if checks.are_possible() {
@@ -221,7 +236,7 @@ impl RunReport {
         let moved = unmoved * MinimalFailure::most(&resolved.space);
         let total = moved
             + checked
-            + modes * (u64::from(probes) + repeats)
+            + modes * (probed + repeats)
             + noise
             + mapped
             + sensitivity::simulations(&resolved.space, sensitivity)
@@ -273,14 +288,21 @@ impl RunReport {
             is_interrupted.set(is_interrupted.get() || flow.is_break());
             flow
         };
+        let mut simulated = Vec::new();
+        if let Some(points) = &points {
+            let requests = points.iter().map(|point| Request::new(point.clone(), seed));
+            simulated = simulate(&mut *system, requests, &mut count)?;
+        }
         for (index, mode) in (0..).zip(self.modes.modes.iter().take(MAX_MODES)) {
             let unit_box = unit_box(axes, mode).filter(|_| probes > 0);
-            measured.patches.push(match unit_box {
-                Some(bounds) => {
-                    let seed = seed.child(index);
-                    Some(patch(&mut *system, &resolved.space, &bounds, seed, probes, &mut count)?)
+            measured.patches.push(match (unit_box, &points) {
+                (Some(bounds), Some(_)) => Some(patch_of_points(axes, extent, &bounds, &simulated)),
+                (Some(bounds), None) => {
+                    let requests = probes_in(&resolved.space, &bounds, seed.child(index), probes);
+                    let found = simulate(&mut *system, requests, &mut count)?;
+                    Some(Patch { extent, ..patch(&bounds, found.iter()) })
                 }
-                None => None,
+                (None, _) => None,
             });
             let scenario = Scenario::new(self.representatives[index as usize].recorded.scenario.clone());
             measured.repeats.push(match repeats {
@@ -295,7 +317,7 @@ impl RunReport {
                 return Ok(Measurement::Interrupted);
             }
         }
-        let mut scenarios: Vec<Point> = Vec::new();
+        let mut scenarios: Vec<Point> = simulated.into_iter().map(|(point, _)| point).collect();
         let mut count_mapped = |episode: &Episode| {
             scenarios.push(Point::from(episode));
             count(episode)
@@ -304,11 +326,12 @@ impl RunReport {
             let random = scenarios_of_space(probes);
             measured.noise = measure_noise(&mut *system, seed, random, NOISE.1, &mut count_mapped)?;
         }
-        if mapped > 0 {
+        if mapped > 0 && points.is_none() {
             // The share of noise of one simulation each is nothing to show.
             measure_noise(&mut *system, seed, mapped, 1, &mut count_mapped)?;
         }
         measured.scenarios = scenarios;
+        measured.has_all_points = points.is_some();
         if sensitivity > 0 {
             let seed = seed.child(u64::MAX);
             measured.sensitivity =
@@ -442,43 +465,72 @@ fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
         .collect()
 }
 
-fn patch(
-    system: &mut dyn System,
-    space: &Space,
-    bounds: &[[f64; 2]],
-    seed: Seed,
-    probes: u32,
-    mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
-) -> Result<Patch, MishandleError> {
-    let scenario = |probe: u32| {
+/// Returns requests of random scenarios in a box.
+fn probes_in(space: &Space, bounds: &[[f64; 2]], seed: Seed, probes: u32) -> impl Iterator<Item = Request> {
+    (1..=probes).map(move |probe| {
         let value = |(number, (axis, [low, high])): (u32, (&Axis, &[f64; 2]))| {
             let u = seed.uniform(Stream::InitialConfiguration, u64::from(probe), number);
             axis.at(low + (high - low) * u)
         };
         let values: Vec<f64> = (0..).zip(space.axes().iter().zip(bounds)).map(value).collect();
-        space.canonical(Scenario::from(values))
-    };
-    let requests: Vec<Request> = (1..=probes)
-        .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })
-        .collect();
-    let mut failing = 0;
-    let mut undecided = 0;
-    let mut started = 0;
-    let mut is_interrupted = false;
-    for batch in requests.chunks(BATCH) {
+        Request::new(space.canonical(Scenario::from(values)), seed.child(u64::from(probe)))
+    })
+}
+
+/// A simulation, and whether it counts in rates.
+type Simulated = (Point, bool);
+
+/// Simulates requests in batches, of which `watch` can end those after the running one.
+fn simulate(
+    system: &mut dyn System,
+    requests: impl Iterator<Item = Request>,
+    mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
+) -> Result<Vec<Simulated>, MishandleError> {
+    let numbered = (1..).zip(requests).map(|(number, request)| Request { number, ..request });
+    let numbered: Vec<Request> = numbered.collect();
+    let mut simulated = Vec::new();
+    for batch in numbered.chunks(BATCH) {
+        let mut is_interrupted = false;
+        for episode in system.rollout(batch)? {
+            is_interrupted |= watch(&episode).is_break();
+            simulated.push((Point::from(&episode), episode.end.counts_in_rates()));
+        }
         if is_interrupted {
             break;
         }
-        for episode in system.rollout(batch)? {
-            is_interrupted |= watch(&episode).is_break();
-            let starts = episode.end.counts_in_rates();
-            started += u64::from(starts);
-            undecided += u64::from(starts && episode.robustness().is_none());
-            failing += u64::from(episode.is_violated());
-        }
     }
-    let volume = bounds.iter().map(|[low, high]| high - low).product();
-    Ok(Patch { volume, failures: failing, undecided, failing: failure_rate(failing, undecided, started) })
+    Ok(simulated)
+}
+
+/// Returns what the simulations in a box say about it.
+fn patch<'a>(bounds: &[[f64; 2]], simulated: impl Iterator<Item = &'a Simulated>) -> Patch {
+    let (mut failing, mut undecided, mut started) = (0, 0, 0);
+    for (point, starts) in simulated {
+        started += u64::from(*starts);
+        undecided += u64::from(*starts && point.robustness.is_none());
+        failing += u64::from(point.fails());
+    }
+    Patch {
+        extent: Extent::Volume,
+        has_all_points: false,
+        volume: bounds.iter().map(|[low, high]| high - low).product(),
+        failures: failing,
+        undecided,
+        failing: failure_rate(failing, undecided, started),
+    }
+}
+
+/// Returns what the simulations of all points of a space say about those in a box.
+fn patch_of_points(axes: &[Axis], extent: Extent, bounds: &[[f64; 2]], simulated: &[Simulated]) -> Patch {
+    let is_inside = |(point, _): &&Simulated| {
+        let values = axes.iter().zip(&point.scenario).zip(bounds);
+        values.into_iter().all(|((axis, value), [low, high])| {
+            axis.is_fixed() || value.is_some_and(|v| (*low..=*high).contains(&axis.unit_coordinate(v)))
+        })
+    };
+    let found = patch(bounds, simulated.iter().filter(is_inside));
+    let volume = found.failing.n as f64 / simulated.len() as f64;
+    Patch { extent, has_all_points: true, volume, ..found }
 }
 
 #[cfg(test)]

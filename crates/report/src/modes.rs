@@ -13,7 +13,7 @@ use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
 use crate::measure::Patch;
 use crate::pictures::{Film, Frame, Pictures};
-use crate::space::value_text;
+use crate::space::{Bound, Extent, value_text};
 use crate::{commands, head, tables, trace, words};
 
 /// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to
@@ -160,7 +160,7 @@ fn interval(estimate: &Estimate) -> String {
 /// Says how large the failing patch is. If the target `is_random`, a scenario fails with some
 /// probability.
 fn patch_text(patch: Patch, is_random: bool) -> String {
-    let Patch { volume, failures, undecided, failing } = patch;
+    let Patch { extent, has_all_points, volume, failures, undecided, failing } = patch;
     let (Some(value), Some(low), Some(high)) = (failing.value, failing.low, failing.high) else {
         return String::new();
     };
@@ -169,37 +169,53 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
         1 => (" and 1 has no verdict".to_string(), words::UNDECIDED),
         n => (format!(" and {n} have no verdict"), words::UNDECIDED),
     };
+    let fail = if failures == 1 { "fails" } else { "fail" };
+    if let (true, Extent::Points(all)) = (has_all_points, extent) {
+        return format!(
+            " Of the {} of the space, {} in a box around these failures, and <b>{failures} of {all} points</b> {fail} there{without}.",
+            mishandle_text::plural(all, "point"),
+            match failing.n {
+                1 => "1 is".to_string(),
+                n => format!("{n} are"),
+            },
+        );
+    }
     let found = format!(
-        " Of {} random scenarios in a box around these failures ({} of the space), {failures} {}{without}",
+        " Of {} random scenarios in a box around these failures ({}), {failures} {fail}{without}",
         failing.n,
-        percent(volume),
-        if failures == 1 { "fails" } else { "fail" }
+        extent.part(volume, Bound::Value)
     );
     if volume < SMALL {
         return format!("{found}. The box is too small to say which part of the space fails.");
     }
     if failures == 0 {
-        let most = percent(volume * high);
-        let of = if is_random {
-            "random simulations of the whole space fail here"
+        return if is_random {
+            let most = percent(volume * high);
+            format!(
+                "{found}: at most {most} of random simulations of the whole space fail here (95 % confidence{rule})."
+            )
         } else {
-            "the space fails here"
+            let most = extent.part(volume * high, Bound::High);
+            format!("{found}: at most {most} fail here (95 % confidence{rule}).")
         };
-        return format!("{found}: at most {most} of {of} (95 % confidence{rule}).");
     }
     let is_cut = high > REACHES_BEYOND && volume < WHOLE;
-    let [value, low, high] = [value, low, high].map(|share| percent(volume * share));
-    match (is_random, is_cut) {
-        (true, _) => format!(
+    if is_random {
+        let [value, low, high] = [value, low, high].map(|share| percent(volume * share));
+        return format!(
             "{found}, so about <b>{value} of random simulations</b> of the whole space fail here (95 % interval {low} to {high}{rule})."
-        ),
-        (false, true) => format!(
-            "{found}. The failing patch reaches beyond the box, so it has <b>at least about {value} of the space</b> (95 % \
-             interval of its part in the box: {low} to {high}{rule})."
-        ),
-        (false, false) => format!(
-            "{found}, so the failing patch is about <b>{value} of the space</b> (95 % interval {low} to {high}{rule})."
-        ),
+        );
+    }
+    let interval =
+        format!("{} to {}", extent.size(volume * low, Bound::Low), extent.size(volume * high, Bound::High));
+    let part = extent.part(volume * value, Bound::Value);
+    if is_cut {
+        format!(
+            "{found}. The failing patch reaches beyond the box, so it has <b>at least about {part}</b> (95 % interval of its part \
+             in the box: {interval}{rule})."
+        )
+    } else {
+        format!("{found}, so the failing patch is about <b>{part}</b> (95 % interval {interval}{rule}).")
     }
 }
 

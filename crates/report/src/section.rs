@@ -4,12 +4,16 @@ use mishandle::resolve::recorded_guard;
 use mishandle::results::{Answer, Metrics, Noise};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::store::{RunHeader, RunKind};
+use mishandle_text::short_unit;
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
 use crate::{
     axis_rates, curves, head, map, margin, metamorphic, modes, risk, sensitivity, survey, tables, words,
 };
+
+/// Names, paths and versions among the facts are cut to this length.
+const NAME: usize = 200;
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -96,7 +100,7 @@ fn result(report: &RunReport) -> String {
 pub fn requirement(header: &RunHeader) -> String {
     let formula = Formula::parse(&header.formula).ok();
     let unit = |name: &str| {
-        header.signals.iter().find(|signal| signal.name == name).map_or("", |signal| signal.unit.as_str())
+        header.signals.iter().find(|signal| signal.name == name).map_or("", |signal| short_unit(&signal.unit))
     };
     let lines = formula.as_ref().and_then(|formula| {
         formula.explain(&Clock::steps(header.control_dt), EvaluationTime::Start, unit).ok()
@@ -164,10 +168,14 @@ fn noise_text(noise: &Noise) -> String {
 /// Returns what was tested as a list.
 fn facts(report: &RunReport) -> String {
     let header = &report.header;
-    let code = |value: &str| format!("<code>{}</code>", text(value));
+    let formula = |value: &str| format!("<code>{}</code>", text(value));
+    let code = |value: &str| formula(&short(value, NAME));
     let mut facts: Vec<(String, String)> = vec![
         ("run file".into(), code(&report.path)),
-        ("target".into(), format!("{} ({})", code(&header.target.name), text(&header.target.kind))),
+        (
+            "target".into(),
+            format!("{} ({})", code(&header.target.name), text(&short(&header.target.kind, 30))),
+        ),
         ("hash of the target".into(), code(&header.target.hash)),
     ];
     for component in &header.components {
@@ -178,9 +186,9 @@ fn facts(report: &RunReport) -> String {
     if let Some(guard) = recorded_guard(header) {
         facts.push(("settings of the guard".into(), text(&guard.sentence())));
     }
-    facts.push(("formula".into(), code(&header.formula)));
-    if let Ok(formula) = Formula::parse(&header.formula) {
-        facts.push(("in symbols".into(), code(&formula.symbols().to_string())));
+    facts.push(("formula".into(), formula(&header.formula)));
+    if let Ok(found) = Formula::parse(&header.formula) {
+        facts.push(("in symbols".into(), formula(&found.symbols().to_string())));
     }
     facts.push(("space".into(), format!("{}, {}", code(&header.space), axes(report.axes.len()))));
     if let Some(plan) = &report.plan {
@@ -215,12 +223,12 @@ fn facts(report: &RunReport) -> String {
         ),
     ));
     let build = &header.build;
-    facts
-        .push(("program".into(), text(&format!("mishandle {} {}", build.program_version, build.git_commit))));
+    let program = format!("mishandle {} {}", build.program_version, build.git_commit);
+    facts.push(("program".into(), text(&short(&program, NAME))));
     let versions: Vec<String> =
         header.versions.iter().map(|(name, version)| format!("{name} {version}")).collect();
     if !versions.is_empty() {
-        facts.push(("with".into(), text(&versions.join(", "))));
+        facts.push(("with".into(), text(&short(&versions.join(", "), 3 * NAME))));
     }
     let fact = |(name, value): &(String, String)| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n");
     format!("<dl class=\"facts\">{}</dl>\n", facts.iter().map(fact).collect::<String>())

@@ -1,12 +1,82 @@
-//! Axes of a scenario space as axes of a chart.
+//! Axes of a scenario space as axes of a chart, and parts of a space as text.
 
 use crate::charts::ChartAxis;
-use mishandle::rollout::{Axis, AxisValues};
+use mishandle::rollout::{Axis, AxisValues, Scenario};
 
-use crate::html::{number, short};
+use crate::html::{number, percent, short};
 
 /// Largest number of ticks of a discrete axis.
 const MAX_TICKS: usize = 7;
+
+/// How parts of a space are measured: a space whose axes all have separate values has points, and
+/// any other one a volume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// The number of points.
+    Points(u64),
+    Volume,
+}
+
+/// An end of an interval, or the value in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    Low,
+    Value,
+    High,
+}
+
+impl Extent {
+    /// Returns the extent of a space. Where a condition decides whether an axis counts, its values
+    /// do not all make points of their own, so it has a volume.
+    pub fn of(axes: &[Axis]) -> Extent {
+        let points = axes.iter().try_fold(1_u64, |points, axis| match axis.levels() {
+            _ if !axis.conditions.is_empty() => None,
+            _ if axis.is_fixed() => Some(points),
+            levels => points.checked_mul(levels? as u64),
+        });
+        points.map_or(Extent::Volume, Extent::Points)
+    }
+
+    /// Names a share of the space: `6 of 16 points`, or `35 % of the space`.
+    pub fn part(self, share: f64, bound: Bound) -> String {
+        match self {
+            Extent::Points(all) => {
+                format!("{} of {}", self.size(share, bound), mishandle_text::plural(all, "point"))
+            }
+            Extent::Volume => format!("{} of the space", self.size(share, bound)),
+        }
+    }
+
+    /// Names the size of a share of the space: a number of points, or `35 %`. A bound of a number
+    /// of points is the next one inside.
+    pub fn size(self, share: f64, bound: Bound) -> String {
+        let Extent::Points(all) = self else { return percent(share) };
+        // A product with a share that comes from points is not exact.
+        let points = share * all as f64;
+        let points = match bound {
+            Bound::Low => (points - 1e-6).ceil(),
+            Bound::Value => points.round(),
+            Bound::High => (points + 1e-6).floor(),
+        };
+        points.max(0.0).to_string()
+    }
+
+    /// Returns all scenarios of a space with at most `most` points; `None` of a larger one.
+    pub fn scenarios(self, axes: &[Axis], most: u64) -> Option<Vec<Scenario>> {
+        let Extent::Points(all) = self else { return None };
+        let scenario = |index: u64| {
+            let mut rest = index;
+            let value = |axis: &Axis| {
+                let levels = axis.levels().filter(|_| !axis.is_fixed()).unwrap_or(1) as u64;
+                let level = rest % levels;
+                rest /= levels;
+                axis.low + level as f64
+            };
+            Scenario::from(axes.iter().map(value).collect::<Vec<f64>>())
+        };
+        (all <= most).then(|| (0..all).map(scenario).collect())
+    }
+}
 
 /// Returns a linear chart axis whose labels are short. The range may be anything.
 pub fn linear(label: &str, range: [f64; 2]) -> ChartAxis {
@@ -117,6 +187,8 @@ pub fn value_text(axis: &Axis, value: Option<f64>) -> String {
 
 #[cfg(test)]
 mod tests {
+    use mishandle::rollout::{Condition, Holds};
+
     use super::*;
 
     #[test]
@@ -127,6 +199,34 @@ mod tests {
         let axis = Axis::start("ground", "", 0.0, 1.0).with_values(names);
         assert_eq!(chart_axis(&axis).ticks, [(0.0, "ice".to_string()), (1.0, "mud".to_string())]);
         assert_eq!(value_text(&axis, Some(1.0)), "mud");
+    }
+
+    #[test]
+    fn a_space_of_separate_values_has_points_and_any_other_one_a_volume() {
+        let integer =
+            |name: &str, high: f64| Axis::start(name, "", 0.0, high).with_values(AxisValues::Integer);
+        let fixed = Axis::start("fixed", "m", 0.5, 0.5);
+        let axes = [integer("a", 3.0), fixed.clone(), integer("b", 3.0)];
+        let extent = Extent::of(&axes);
+        assert_eq!(extent, Extent::Points(16));
+        let named = [Bound::Low, Bound::Value, Bound::High].map(|bound| extent.part(0.35, bound));
+        assert_eq!(named, ["6 of 16 points", "6 of 16 points", "5 of 16 points"]);
+        assert_eq!([Bound::Low, Bound::High].map(|bound| extent.size(0.375, bound)), ["6", "6"]);
+        let all = extent.scenarios(&axes, 16).unwrap();
+        let mut values: Vec<Vec<Option<f64>>> = all.iter().map(|found| found.values().to_vec()).collect();
+        assert!(
+            values.iter().all(|values| axes.iter().zip(values).all(|(axis, v)| axis.accepts(v.unwrap())))
+        );
+        values.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        values.dedup();
+        assert_eq!(values.len(), 16);
+        assert_eq!(extent.scenarios(&axes, 15), None);
+        let volume = Extent::of(&[integer("a", 3.0), Axis::start("x", "m", 0.0, 1.0)]);
+        assert_eq!(volume.part(0.35, Bound::Value), "35 % of the space");
+        assert_eq!(volume.scenarios(&[], 16), None);
+        let holds = Holds::OneOf([1.0].into());
+        let condition = Condition { axis: "a".to_string(), nominal: 0.0, holds };
+        assert_eq!(Extent::of(&[integer("a", 3.0), integer("b", 3.0).only_if([condition])]), Extent::Volume);
     }
 
     #[test]

@@ -4,10 +4,13 @@ use mishandle::results::{Answer, BoxPoint, CornerPoint, Estimate, Requirement};
 use mishandle::rollout::Axis;
 use mishandle::store::TrialStatus;
 
-use crate::html::{number, percent, table, text};
+use crate::html::{number, percent, short, table, text};
 use crate::load::{Point, RunReport};
 use crate::map::axis_label;
 use crate::space::value_text;
+
+/// Meanings of axes are cut to this length.
+const MEANING: usize = 300;
 
 /// Largest numbers of trials and axes in a table.
 const MAX_TRIALS: usize = 100;
@@ -216,7 +219,7 @@ pub fn simulations(report: &RunReport, run: usize) -> String {
         .axes
         .iter()
         .take(columns)
-        .map(|axis| format!("<th scope=\"col\">{}</th>", text(&crate::html::short(&axis.name, 30))))
+        .map(|axis| format!("<th scope=\"col\">{}</th>", text(&short(&axis.name, 30))))
         .collect();
     let shown = if (points.len() as u64) < report.counts.simulations {
         format!("{} of {}, failures first", points.len(), report.counts.simulations)
@@ -254,8 +257,8 @@ pub fn axes(report: &RunReport) -> String {
                 axis_label(axis),
                 format!("{} to {}", of(axis.low), of(axis.high)),
                 text(&value_text(axis, axis.nominal)),
-                text(&record.kind),
-                text(&record.meaning),
+                text(&short(&record.kind, 30)),
+                text(&short(&record.meaning, MEANING)),
             ]
         })
         .collect();
@@ -308,7 +311,7 @@ pub fn corners(report: &RunReport) -> Option<String> {
         let values = report.axes.iter().zip(point.scenario.values().copied());
         let named = values.filter(|(axis, value)| *value != axis.nominal || axis.nominal.is_none());
         let value = |(axis, value): (&Axis, Option<f64>)| {
-            format!("{} = {}", text(&crate::html::short(&axis.name, 30)), text(&value_text(axis, value)))
+            format!("{} = {}", text(&short(&axis.name, 30)), text(&value_text(axis, value)))
         };
         let values: Vec<String> = named.take(VALUE_COLUMNS).map(value).collect();
         let place = if values.is_empty() { "center".to_string() } else { values.join(", ") };

@@ -191,3 +191,31 @@ fn the_index_of_a_campaign_has_its_hardenings_and_escapes_their_texts() {
     assert!(!html.contains("runs/open.html"), "a hardening that is not finished has no page");
     assert!(!html.contains("<script") && !html.contains("<img"), "{html}");
 }
+
+/// Anybody can write a run file with valid hashes and long texts. None fills the page: a name is
+/// cut, and of other texts the middle is left out.
+#[test]
+fn a_page_cuts_long_texts() {
+    /// A run file limits names, and no unit or meaning.
+    const NAME: usize = 1900;
+    const LONG: usize = 60_000;
+    let of = |axes: usize, name: &str, long: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let mut header = RunHeader { plan: PLAN.into(), ..header(axes, name) };
+        for axis in &mut header.axes {
+            (axis.unit, axis.meaning) = (long.into(), long.into());
+        }
+        header.signals.iter_mut().for_each(|signal| signal.unit = long.into());
+        write(&path, &header, &[(1, true), (3, true), (3, false)]);
+        let run = RunFile::open(&path).unwrap();
+        page(&[RunReport::load(&run, "run.sqlite", None, crate::data).unwrap()])
+    };
+    for axes in [1, 2, 4] {
+        let [ordinary, cut] = [of(axes, "Ж", "Ж"), of(axes, &"Ж".repeat(NAME), &"Ж".repeat(LONG))];
+        let longest = cut.split(|c| c != 'Ж').map(|run| run.chars().count()).max().unwrap();
+        assert!(longest <= 1000, "{axes} axes: {longest}");
+        let [ordinary, cut] = [&ordinary, &cut].map(|page| page.matches('Ж').count());
+        assert!(cut < ordinary + 10_000, "{axes} axes: {cut} characters instead of {ordinary}");
+    }
+}

@@ -225,6 +225,18 @@ impl CheckCell {
 }
 
 impl Check {
+    /// Returns what found a counterexample: `a random scenario`, or the search for a requirement.
+    /// Only random scenarios count in a rate. `None` if no run is that of the counterexample.
+    pub fn found_by(&self, counterexample: &CheckCounterexample) -> Option<String> {
+        let mut runs = self.controllers.iter().flat_map(|controller| &controller.runs);
+        let run = runs.find(|run| run.run == counterexample.run)?;
+        Some(match (run.kind, &run.requirement) {
+            (CheckRunKind::Random, _) => "a random scenario".to_string(),
+            (CheckRunKind::Search, Some(name)) => format!("found by the search for {name}"),
+            (CheckRunKind::Search, None) => "found by a search".to_string(),
+        })
+    }
+
     /// Returns the sentences about axes that change no trace, each once.
     pub fn idle_axes(&self) -> BTreeSet<&str> {
         let runs = self.controllers.iter().flat_map(|controller| &controller.runs);

@@ -9,6 +9,7 @@ mod invisible;
 mod number;
 mod path;
 mod shell_quote;
+mod short;
 mod xml;
 
 pub use ends::first_and_last_line;
@@ -20,4 +21,5 @@ pub use number::{
 };
 pub use path::{path_text, shell_path};
 pub use shell_quote::shell_quote;
+pub use short::{short, short_unit, without_middle};
 pub use xml::xml_text;

@@ -7,7 +7,6 @@ use mishandle::Plan;
 use mishandle::check::{CheckProgress, CheckSubject, Requirements, check};
 use mishandle::resolve::command_target;
 use mishandle::results::{Check, CheckVerdict};
-use mishandle::run::Cost;
 use mishandle_text::{plural, shell_path, shell_quote};
 
 use crate::exit_status::ExitStatus;
@@ -91,10 +90,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::stop_on_signals(&bar)?;
     let found = check(&subjects, &requirements, &settings.check, out, &mut |progress: &CheckProgress| {
         match progress.largest {
-            Some(simulations) => {
-                let text = cost::text(&Cost { simulations, of_counterexample: 0 });
-                output::message(&format!("{text}, besides the probes before each run"));
-            }
+            Some(largest) => output::message(&cost::check_text(&largest)),
             None => {
                 bar.set_part(&progress.phase, progress.all);
                 bar.set_position(progress.done);

@@ -11,6 +11,7 @@ use mishandle_text::plural;
 use crate::exit_status::ExitStatus;
 use crate::flags::{Keys, LogQuestion};
 use crate::run::log_question::{self, Question};
+use crate::run::path_kind;
 use crate::show::{explanation, log_verdicts, output, verdict};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
@@ -91,6 +92,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         bail!("monitor.values adds to the document of --json: pass --json, without --explain");
     }
     let has_values = settings.monitor.values && !is_in_vain;
+    for log in &command.logs {
+        path_kind::refuse_others(log, &[path_kind::LOG, path_kind::CURVE])?;
+    }
     let question = Question::new(&command.question, &settings.log, &command.logs)?;
     let sources = &question.sources;
     ensure!(!has_values || sources.len() == 1, "monitor.values prints the values of one log; name one");

@@ -9,7 +9,7 @@ use mishandle_report::{
     CheckFigures, LogSection, Samples, bisection_page, check_markdown, check_page, hardening_page,
     learning_curve_page, log_page, markdown, page,
 };
-use mishandle_text::path_text;
+use mishandle_text::{path_text, shell_path};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -85,6 +85,10 @@ fn write_page(command: &Arguments) -> Result<ExitStatus> {
     if command.runs.is_empty() {
         return write_logs(command, &log);
     }
+    for path in &command.runs {
+        refuse_log(path)?;
+        path_kind::refuse_others(path, &[path_kind::RUN, path_kind::CURVE])?;
+    }
     if command.out.is_none() && command.markdown.is_none() {
         // A missing run is the first mistake to correct.
         for run in command.runs.iter().filter(|run| !run.exists()) {
@@ -119,7 +123,12 @@ fn write_page(command: &Arguments) -> Result<ExitStatus> {
     for path in &command.runs {
         let shown = path.display();
         match path_kind::of(path)? {
-            PathKind::Run | PathKind::Other => {}
+            PathKind::Run
+            | PathKind::Log
+            | PathKind::Target
+            | PathKind::Requirements
+            | PathKind::Plan
+            | PathKind::Other => {}
             PathKind::Check(found) if is_alone => return write_check(&found, command, &options),
             _ if command.markdown.is_some() => {
                 bail!("--markdown writes about run files and checks; {shown} is neither")
@@ -169,6 +178,19 @@ fn write_page(command: &Arguments) -> Result<ExitStatus> {
         Some(_) => write(&page(&reports), command),
         None => Ok(ExitStatus::Done),
     }
+}
+
+/// Checks that a file is not a log, which has flags of its own.
+fn refuse_log(path: &Path) -> Result<()> {
+    let is_log = path.is_file() && matches!(path_kind::of(path)?, PathKind::Log);
+    ensure!(
+        !is_log,
+        "{} is a log, not a run file; its page is written with: mishandle report --log {} --formula FORMULA --out \
+         page.html",
+        path.display(),
+        shell_path(path)
+    );
+    Ok(())
 }
 
 /// Writes the page about a hardening, with sections about the final simulations in its space.

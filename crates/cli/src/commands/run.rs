@@ -17,7 +17,7 @@ use crate::flags::{self, OpenRun, Planned};
 use crate::interrupt;
 use crate::run::first_look::{self, FirstLook};
 use crate::run::grid::Ended;
-use crate::run::{self, answers, question};
+use crate::run::{self, answers, path_kind, question};
 use crate::show::progress::Bar;
 use crate::show::{campaign, escape, output};
 
@@ -86,6 +86,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
 
 /// Asks what a file says.
 fn run_file(command: &Arguments, path: &Path, gpu: Option<&Device>) -> Result<ExitStatus> {
+    path_kind::refuse_others(path, &[path_kind::PLAN, path_kind::TARGET])?;
     let of_file = || path.display().to_string();
     let text = read_text_bounded(path, limits::PLAN).with_context(of_file)?;
     let mut planned = Planned::from(table(path, &text).with_context(of_file)?);
@@ -125,10 +126,9 @@ fn run_file(command: &Arguments, path: &Path, gpu: Option<&Device>) -> Result<Ex
     run_all(command, &folder, &settings.engine, &runs, gpu, look)
 }
 
-/// Returns whether a text is a target file rather than a plan: no plan has these keys.
+/// Returns whether a text is a target file rather than a plan.
 fn is_target_file(text: &str) -> bool {
-    let table: Table = toml::from_str(text).unwrap_or_default();
-    table.contains_key("process") || table.contains_key("model")
+    path_kind::is_target(&toml::from_str(text).unwrap_or_default())
 }
 
 /// Returns the table of a plan file, or a table whose target is the file.
@@ -137,12 +137,6 @@ fn table(path: &Path, text: &str) -> Result<Table> {
         let target = ("target".to_string(), Value::String(path_text(path)));
         return Ok(Table::from_iter([target]));
     }
-    let has_requirements = toml::from_str::<Table>(text).is_ok_and(|table| table.contains_key("requirement"));
-    ensure!(
-        !has_requirements,
-        "it is a file of requirements; check them with: mishandle check TARGET --requirements {}",
-        shell_path(path)
-    );
     Ok(mishandle::plan::table(text, Values::Lists)?)
 }
 

@@ -5,10 +5,10 @@ mod table;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::results::Answer;
-use mishandle_text::{path_text, shell_path};
+use mishandle_text::path_text;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -108,11 +108,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             check_flags(command, "a controller")?;
             return controller::show(&path_text(path), command.json);
         }
-        PathKind::Curve => bail!(
-            "{} is a learning curve; draw it with: mishandle report {} --out curve.html",
-            path.display(),
-            shell_path(path)
-        ),
+        // The reader of run files names the command that reads this file.
+        PathKind::Curve | PathKind::Log | PathKind::Target | PathKind::Requirements | PathKind::Plan => {}
         folder => {
             check_flags(command, "a folder")?;
             return show_folder(path, &folder, command.json, command.verbose.verbose);

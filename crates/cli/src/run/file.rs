@@ -8,6 +8,7 @@ use mishandle::store::{RunFile, RunKind, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::plural;
 
+use super::path_kind;
 use crate::flags::OpenRun;
 use crate::show::{cost, output};
 
@@ -86,6 +87,7 @@ pub fn report_build_differences(verb: &str, differences: &[String]) {
 
 /// Opens a run file for reading.
 pub fn read(path: &Path, skip_check: bool) -> Result<RunFile> {
+    path_kind::refuse_others(path, &[path_kind::RUN])?;
     Ok(if skip_check { RunFile::open_unchecked(path) } else { RunFile::open(path) }?)
 }
 

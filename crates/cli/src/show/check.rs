@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use mishandle::results::{Check, CheckCell};
-use mishandle_report::{check_summary, marked_verdict, off_nominal};
+use mishandle_report::{check_summary, marked_verdict, worst_place};
 use mishandle_text::{decimal, plural};
 
 use super::{answer, escape, output, physics};
@@ -35,8 +35,8 @@ pub fn text(found: &Check) -> String {
         lines.push(format!("  {}", escape::name(&cell.evidence)));
         if let Some(counterexample) = &cell.counterexample {
             let robustness = decimal(counterexample.robustness.0, 4);
-            lines
-                .push(format!("  worst violation: robustness {robustness}, {}", off_nominal(counterexample)));
+            let place = worst_place(found, counterexample);
+            lines.push(format!("  worst violation: robustness {robustness}, {place}"));
             lines.extend(counterexample.physics.as_ref().map(|check| format!("  {}", physics::text(check))));
             lines.push(format!("  replay: {}", escape::name(&counterexample.replay)));
         }

@@ -1,5 +1,6 @@
 //! The costs of a question as text, which stand before its first simulation.
 
+use mishandle::check::CheckCost;
 use mishandle::run::{Cost, Probes};
 use mishandle_text::plural;
 
@@ -10,6 +11,20 @@ pub fn text(cost: &Cost) -> String {
         n => format!(", about {n} more for each failure"),
     };
     format!("at most {}{further}", plural(cost.simulations, "simulation"))
+}
+
+/// Says how many simulations a check takes.
+pub fn check_text(cost: &CheckCost) -> String {
+    let searched = match cost.searched {
+        0 => String::new(),
+        n => format!(" and {n} of searches"),
+    };
+    format!(
+        "{}: {}{searched}; besides, probes before each run, and about {} for each violation",
+        text(&Cost { simulations: cost.simulations(), of_counterexample: 0 }),
+        plural(cost.random, "random scenario"),
+        cost.of_violation
+    )
 }
 
 /// Says about how long they take; `None` without a probe. `earlier` is the number of probes before

@@ -1,7 +1,7 @@
 //! How two runs differ, as text.
 
 use mishandle::results::{ChangedVerdict, DifferingRun, Estimate, Number, Quantity, RunDifference};
-use mishandle_text::{decimal, plural, probability_text};
+use mishandle_text::{decimal, plural, probability_text, without_middle};
 
 use super::{escape, output};
 
@@ -47,15 +47,7 @@ fn verdict(found: &RunDifference) -> String {
 
 /// Returns a fact in one line. Of a long one, the start and the end, because paths end differently.
 fn short(fact: &str) -> String {
-    let fact = escape::name(fact);
-    let count = fact.chars().count();
-    if count <= MAX_FACT {
-        return fact;
-    }
-    let half = MAX_FACT / 2 - 1;
-    let start: String = fact.chars().take(half).collect();
-    let end: String = fact.chars().skip(count - half).collect();
-    format!("{start} … {end}")
+    without_middle(&escape::name(fact), MAX_FACT)
 }
 
 fn results(found: &RunDifference) -> Vec<Vec<String>> {

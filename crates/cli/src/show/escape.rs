@@ -4,19 +4,37 @@
 //!
 //! All output of the program passes through this module: [`output`](crate::output) calls it.
 
+use std::borrow::Cow;
 use std::io::{Error, Result, Write};
 
-use mishandle_text::is_invisible;
+use mishandle_text::{is_invisible, short, without_middle};
+
+/// Largest number of characters of a text within a line: of names and formulas from files that
+/// anybody can write.
+const MAX_LINE: usize = 2000;
+
+/// Largest number of characters of a word. Paths, hashes and operands of formulas are shorter.
+const MAX_WORD: usize = 600;
+
+/// Largest number of characters of a label.
+const MAX_LABEL: usize = 80;
 
 /// Escapes a text of several lines, such as a table or an error of a parser: line breaks and tabs
-/// remain.
+/// remain. The middle of a very long word is left out: see [`MAX_WORD`].
 pub fn text(text: &str) -> String {
-    escaped(text, |c| c == '\n' || c == '\t', rust)
+    escaped(&short_words(text), |c| c == '\n' || c == '\t', rust)
 }
 
-/// Escapes a text that is printed within a line, such as a name.
+/// Escapes a text that is printed within a line, such as a name. The middle of a very long one is
+/// left out: see [`MAX_LINE`].
 pub fn name(name: &str) -> String {
-    escaped(name, |_| false, rust)
+    escaped(&short_words(&without_middle(name, MAX_LINE)), |_| false, rust)
+}
+
+/// Escapes a name of an axis, a target or a controller, or a unit, from a run file. A very long one
+/// is cut, so that it hides no other words of its sentence.
+pub fn label(label: &str) -> String {
+    name(&short(label, MAX_LABEL))
 }
 
 /// Escapes JSON that `serde_json` writes to it, with JSON's own escapes, so that a parser returns
@@ -40,6 +58,16 @@ impl<W: Write> Write for EscapedJson<W> {
     fn flush(&mut self) -> Result<()> {
         self.0.flush()
     }
+}
+
+/// Leaves out the middle of words longer than [`MAX_WORD`].
+fn short_words(text: &str) -> Cow<'_, str> {
+    let is_long = |word: &str| word.chars().nth(MAX_WORD).is_some();
+    if text.len() <= MAX_WORD || !text.split_whitespace().any(is_long) {
+        return Cow::Borrowed(text);
+    }
+    let words = text.split_inclusive(char::is_whitespace);
+    Cow::Owned(words.map(|word| without_middle(word, MAX_WORD)).collect())
 }
 
 fn unicode(c: char, out: &mut String) {
@@ -102,6 +130,15 @@ mod tests {
             "{printed}"
         );
         assert_eq!(serde_json::from_str::<serde_json::Value>(&printed).unwrap(), value);
+    }
+
+    #[test]
+    fn the_middle_of_a_long_word_is_left_out() {
+        let long = "é".repeat(60_000);
+        let (shown, label) = (text(&format!("a {long} b\nc")), label(&long));
+        assert!(shown.starts_with("a é") && shown.ends_with("é b\nc"), "{shown}");
+        assert_eq!([&shown, &label].map(|shown| shown.matches('é').count()), [599, 79]);
+        assert!(name(&format!("{long} {long}")).chars().count() < 2010);
     }
 
     #[test]

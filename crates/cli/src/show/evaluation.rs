@@ -25,7 +25,7 @@ pub fn details(found: &Evaluation) -> String {
         vec![format!("{}{part}, seed {}", subject::heading(&found.subject), found.subject.seed.0)];
     if let Some(control) = &found.control {
         let shown: Vec<String> =
-            control.nominal.iter().take(MAX_AXES).map(|name| escape::name(name)).collect();
+            control.nominal.iter().take(MAX_AXES).map(|name| escape::label(name)).collect();
         let axes = match control.nominal.len().saturating_sub(MAX_AXES) {
             0 => shown.join(", "),
             more => format!("{} and {more} more", shown.join(", ")),

@@ -29,7 +29,7 @@ fn axes_at_nominal(found: &AxesAtNominal, facts: &[AxisFacts]) -> Vec<String> {
     let mut sentences = Vec::new();
     if !found.axes.is_empty() {
         let removing = found.axes.iter().filter(|axis| axis.violated == Some(false));
-        let removing: Vec<String> = removing.map(|axis| escape::name(&axis.axis)).collect();
+        let removing: Vec<String> = removing.map(|axis| escape::label(&axis.axis)).collect();
         let removing = if removing.is_empty() { "none".to_string() } else { removing.join(", ") };
         sentences.push(format!(
             "Simulated again with the same seed and one axis at nominal ({}). Axes that remove the failure alone: {removing}.",
@@ -115,7 +115,7 @@ fn path_table(found: &Decision, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> 
 }
 
 fn with_unit(name: &str, unit: &str) -> String {
-    format!("{} {}", escape::name(name), escape::name(unit)).trim_end().to_string()
+    format!("{} {}", escape::label(name), escape::label(unit)).trim_end().to_string()
 }
 
 /// Returns the table of the formula's signals.

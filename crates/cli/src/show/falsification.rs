@@ -171,7 +171,7 @@ fn cause_text(found: &Falsification, cause: &Cause) -> String {
     let nearest = if off.is_empty() { "nominal".to_string() } else { scenario::text(off) };
     let list = |names: &[String]| match names {
         [] => "none".to_string(),
-        names => names.iter().map(|name| escape::name(name)).collect::<Vec<_>>().join(", "),
+        names => names.iter().map(|name| escape::label(name)).collect::<Vec<_>>().join(", "),
     };
     let alone = match (&cause.sufficient, &cause.necessary) {
         (Some(sufficient), Some(necessary)) if !cause.axes.is_empty() => format!(

@@ -4,7 +4,7 @@ use mishandle::results::{
     ExampleKind, FormulaDescription, FormulaExample, FormulaLane, FormulaTrap, FormulaValues, LaneState,
     RequirementPattern,
 };
-use mishandle_text::{plural, short_number};
+use mishandle_text::{plural, short, short_number};
 
 use super::{escape, output};
 
@@ -87,22 +87,16 @@ fn trap(trap: &FormulaTrap, width: usize) -> String {
     let head = format!("{}: {}{place}: {}", trap.severity, trap.name, escape::name(&trap.why));
     let mut lines = vec![output::folded(&head, width)];
     if !trap.formula.is_empty() {
-        lines.push(format!("  at       {}", short(&escape::name(&trap.formula), width.saturating_sub(11))));
+        lines.push(format!(
+            "  at       {}",
+            short(&escape::name(&trap.formula), width.saturating_sub(11).max(20))
+        ));
     }
     if let Some(instead) = &trap.instead {
         let advice = output::wrapped(&escape::name(instead), width.saturating_sub(11).max(20));
         lines.push(format!("  instead  {}", output::indented(&advice, 11)));
     }
     lines.join("\n")
-}
-
-/// Shortens a text to a number of characters.
-fn short(text: &str, most: usize) -> String {
-    if text.chars().count() <= most.max(20) {
-        return text.to_string();
-    }
-    let start: String = text.chars().take(most.max(20) - 1).collect();
-    format!("{start}…")
 }
 
 /// Draws the sub-formulas over a trace.

@@ -10,10 +10,10 @@ pub fn details(found: &Hardening) -> String {
     let mut parts = vec![
         format!(
             "{}, controller {}{}, space {}, seed {}",
-            escape::name(&found.target),
-            escape::name(&found.before),
+            escape::label(&found.target),
+            escape::label(&found.before),
             found.guard.as_ref().map_or(String::new(), |guard| format!(", {}", escape::name(&guard.words()))),
-            escape::name(&found.space),
+            escape::label(&found.space),
             found.seed.0
         ) + &trainer(found),
         output::table(&table(found)),

@@ -34,7 +34,7 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
         };
         vec![
             run.to_string(),
-            escape::name(&relation.name),
+            escape::label(&relation.name),
             changes(&relation.change),
             relation.holds.clone(),
             relation.pairs.to_string(),
@@ -78,7 +78,7 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
 fn changes(change: &Named<String>) -> String {
     let text = |(axis, change): &(String, String)| {
         let sign = if change.starts_with(['+', '-', '*']) { " " } else { "" };
-        format!("{}{sign}{}", escape::name(axis), escape::name(change))
+        format!("{}{sign}{}", escape::label(axis), escape::label(change))
     };
     change.0.iter().map(text).collect::<Vec<_>>().join(", ")
 }
@@ -89,7 +89,7 @@ fn details(found: &Metamorphic, relation: &MetamorphicRelation) -> String {
     let mut text = format!(
         "{}: broken by {}. Verdicts: {} satisfied in both cases, {} violated in both, {} only in the follow-up case, {} only in \
          the source case",
-        escape::name(&relation.name),
+        escape::label(&relation.name),
         plural(relation.broken, "pair"),
         verdicts.both_satisfied,
         verdicts.both_violated,
@@ -132,11 +132,11 @@ fn smallest_text(found: &Metamorphic, smallest: &SmallestChange) -> String {
         let facts = found.subject.space_axes.iter().find(|facts| facts.name == *axis);
         let unit = facts.map_or(String::new(), |facts| match facts.unit.as_str() {
             "" => String::new(),
-            unit => format!(" {}", escape::name(unit)),
+            unit => format!(" {}", escape::label(unit)),
         });
         let sign = if *change < 0.0 { "" } else { "+" };
         let decimals = if facts.is_some_and(AxisFacts::is_discrete) { 0 } else { 4 };
-        format!("{} {sign}{}{unit}", escape::name(axis), decimal(*change, decimals))
+        format!("{} {sign}{}{unit}", escape::label(axis), decimal(*change, decimals))
     };
     // A share of a whole number is rounded, so it would say less than the change itself.
     let is_changed = |facts: &AxisFacts| smallest.change.0.iter().any(|(axis, _)| facts.name == *axis);

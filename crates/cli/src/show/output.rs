@@ -12,6 +12,7 @@ use mishandle::files::{AtomicFile, is_same_file};
 use mishandle::results::Versioned;
 use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, spelled};
+use mishandle_text::short;
 use serde::Serialize;
 
 use super::escape::EscapedJson;
@@ -236,14 +237,6 @@ pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
 /// row is as wide as the widest.
 const MAX_CELL: usize = 200;
 
-/// Shortens a text to [`MAX_CELL`] characters. The last of a longer text is `…`.
-fn cell(text: &str) -> String {
-    match text.char_indices().nth(MAX_CELL) {
-        None => text.to_string(),
-        Some(_) => text.chars().take(MAX_CELL - 1).chain(['…']).collect(),
-    }
-}
-
 /// Appends spaces up to `width` characters. The widths of `format!` end at 65,535.
 fn padded(text: &str, width: usize) -> String {
     format!("{text}{}", " ".repeat(width.saturating_sub(text.chars().count())))
@@ -252,7 +245,7 @@ fn padded(text: &str, width: usize) -> String {
 /// Aligns the cells of each row, with two spaces after each cell. Escapes them first, so that a
 /// cell has one line and the width that is printed.
 fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
-    let escaped = |row: &Vec<String>| row.iter().map(|text| cell(&escape::name(text))).collect();
+    let escaped = |row: &Vec<String>| row.iter().map(|text| short(&escape::name(text), MAX_CELL)).collect();
     let rows: Vec<Vec<String>> = rows.iter().map(escaped).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {

@@ -64,7 +64,7 @@ fn failures_text(found: &Risk) -> String {
 fn range(found: &Risk, axis: &AxisDistribution) -> String {
     let known = found.subject.space_axes.iter().find(|known| known.name == axis.axis);
     if let Some(AxisFacts { values: AxisValues::Categories(names), .. }) = known {
-        let names: Vec<String> = names.iter().map(|name| escape::name(name)).collect();
+        let names: Vec<String> = names.iter().map(|name| escape::label(name)).collect();
         return format!("over {}", names.join(", "));
     }
     let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
@@ -82,7 +82,7 @@ fn distribution(found: &Risk) -> String {
         }
     }
     let line = |(text, axes): &(String, Vec<&AxisDistribution>)| {
-        let named: Vec<String> = axes.iter().take(NAMED).map(|axis| escape::name(&axis.axis)).collect();
+        let named: Vec<String> = axes.iter().take(NAMED).map(|axis| escape::label(&axis.axis)).collect();
         let more = match axes.len().saturating_sub(NAMED) {
             0 => String::new(),
             more => format!(" and {more} more"),

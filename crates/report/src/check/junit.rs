@@ -1,7 +1,7 @@
 use mishandle::results::{Check, CheckCell, CheckVerdict};
 use mishandle_text::{number_text, xml_text};
 
-use super::{formula, mark, marked_verdict, off_nominal};
+use super::{formula, mark, marked_verdict, worst_place};
 
 /// Returns the verdicts as a report of JUnit: a suite for each controller, a case for each
 /// requirement.
@@ -52,8 +52,8 @@ fn case(found: &Check, cell: &CheckCell, suite: &str) -> String {
     let mut message = format!("{}\n{}", requirement.map_or(String::new(), formula), cell.evidence);
     if let Some(counterexample) = &cell.counterexample {
         let robustness = number_text(counterexample.robustness.0);
-        message +=
-            &format!("\nrobustness {robustness} {}\n{}", off_nominal(counterexample), counterexample.replay);
+        let place = worst_place(found, counterexample);
+        message += &format!("\nrobustness {robustness} {place}\n{}", counterexample.replay);
     }
     let message = xml_text(&message);
     text += &match element(found, cell) {

@@ -62,18 +62,21 @@ fn matrix(found: &Check) -> String {
 
 fn evidence(found: &Check) -> String {
     let row = |cell: &CheckCell| {
-        let replay = cell.counterexample.as_ref().map(|found| code(&found.replay));
+        let worst = cell.counterexample.as_ref();
+        let replay = worst.map(|worst| code(&worst.replay));
+        let by = worst.and_then(|worst| found.found_by(worst)).map(|by| escaped(&by));
         vec![
             escaped(&cell.requirement),
             escaped(&cell.controller),
             marked_verdict(found, cell),
             counts(cell),
             escaped(&cell.evidence),
+            by.unwrap_or_default(),
             replay.unwrap_or_default(),
         ]
     };
     let rows: Vec<Vec<String>> = found.cells.iter().map(row).collect();
-    table(&["requirement", "controller", "verdict", "violations", "evidence", "replay"], 6, &rows)
+    table(&["requirement", "controller", "verdict", "violations", "evidence", "worst", "replay"], 7, &rows)
 }
 
 fn runs(found: &Check) -> String {

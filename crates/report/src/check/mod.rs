@@ -39,8 +39,8 @@ fn mark(found: &Check, cell: &CheckCell) -> Option<&'static str> {
     requirement.map(|requirement| requirement.severity.name())
 }
 
-/// Returns the values of a scenario that are off nominal.
-pub fn off_nominal(found: &CheckCounterexample) -> String {
+/// Returns the values of a counterexample that are off nominal, and what found it.
+pub fn worst_place(check: &Check, found: &CheckCounterexample) -> String {
     let is_off = |value: &&CheckedValue| value.value != value.nominal;
     let shown = found.scenario.iter().filter(is_off).map(|value| {
         let number = |value: Option<f64>| value.map_or("random".to_string(), |value| decimal(value, 4));
@@ -49,7 +49,13 @@ pub fn off_nominal(found: &CheckCounterexample) -> String {
         visible(&format!("{} {}{unit} (nominal {nominal})", value.axis, number(value.value)))
     });
     let shown: Vec<String> = shown.collect();
-    if shown.is_empty() { "in the nominal scenario".to_string() } else { format!("at {}", shown.join(", ")) }
+    let place = if shown.is_empty() {
+        "in the nominal scenario".to_string()
+    } else {
+        format!("at {}", shown.join(", "))
+    };
+    let by = check.found_by(found).map_or(String::new(), |by| format!(" ({})", visible(&by)));
+    place + &by
 }
 
 /// Returns the formula of a requirement; one of the target with its name.

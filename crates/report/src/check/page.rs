@@ -121,7 +121,9 @@ fn counterexample(check: &Check, found: &CheckCounterexample) -> String {
         .iter()
         .map(|value| vec![text(&value.axis), shown(value.value), shown(value.nominal), text(&value.unit)])
         .collect();
-    let mut facts = vec![
+    let by = check.found_by(found).map(|by| ("worst violation", text(&by)));
+    let mut facts: Vec<(&str, String)> = by.into_iter().collect();
+    facts.extend([
         ("robustness", number(found.robustness.0)),
         ("seed", found.seed.0.to_string()),
         (
@@ -135,7 +137,7 @@ fn counterexample(check: &Check, found: &CheckCounterexample) -> String {
         ),
         ("digest of the run", format!("<code>{}</code>", text(digest))),
         ("simulate it again", format!("<code>{}</code>", text(&found.replay))),
-    ];
+    ]);
     facts.extend(found.physics.as_ref().map(|check| ("check of the physics", text(&physics_text(check)))));
     facts.extend(found.file.as_ref().map(|file| ("counterexample", format!("<code>{}</code>", text(file)))));
     let scenario = table("Scenario of the worst violation", &["axis", "value", "nominal", "unit"], &rows);

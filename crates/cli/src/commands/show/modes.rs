@@ -59,7 +59,7 @@ fn print(found: &RunShown, verbose: bool) -> Result<()> {
     };
     match &found.answer {
         Some(answer) => answer::print(answer, verbose)?,
-        None => output::line(&format!("{}\nformula {}", escape::name(target), escape::name(formula)))?,
+        None => output::line(&format!("{}\nformula {}", escape::label(target), escape::name(formula)))?,
     }
     if found.answer.is_some() && *failures == 0 {
         return Ok(());
