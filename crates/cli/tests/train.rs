@@ -350,8 +350,10 @@ fn a_curve_with_an_incomplete_last_line_is_read_without_it() {
     ] {
         assert!(page.contains(said), "{said}: {page}");
     }
-    bench.write("c.csv", "a,b\n1,2\n");
-    bench.refuses("report c.csv --out c.html", &["c.csv", "column 1"]);
+    bench.write("c.csv", "iteration,b\n1,2\n");
+    bench.refuses("report c.csv --out c.html", &["c.csv", "column 2"]);
+    bench.write("log.csv", "a,b\n1,2\n");
+    bench.refuses("report log.csv --out c.html", &["log.csv is a log, not a run file"]);
     bench.refuses("report b.csv c.csv --out d.html", &["b.csv is a learning curve; name it alone"]);
 }
 

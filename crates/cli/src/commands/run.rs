@@ -33,11 +33,11 @@ use crate::show::{campaign, escape, output};
 
 The file is a plan (docs/reference/plans.md), in which keys may have lists of values
 (docs/guide/campaigns.md), or a target file: then each of its spaces is evaluated and searched, and
-the smallest disturbance is sought. One question has a run file. Otherwise each combination of the values has a run file in a folder; one of [harden] has a
-folder there, and beside it the accepted controller. Exit code 1 means that a violation was found by
-falsify, margin or risk, that a pair breaks a metamorphic relation, or that a hardening accepted no
-controller; 2 also that no simulation has a verdict, or too few for a conclusion
-(max-without-verdict).")]
+the smallest disturbance is sought. One question has a run file. Otherwise each combination of the
+values has a run file in a folder; one of [harden] has a folder there, and beside it the accepted
+controller. Exit code 1 means that a violation was found by falsify, margin or risk, that a pair
+breaks a metamorphic relation, or that a hardening accepted no controller; 2 also that no simulation
+has a verdict, or too few for a conclusion (max-without-verdict).")]
 pub struct Arguments {
     /// Plan or target file (TOML)
     #[arg(value_name = "FILE", required_unless_present = "resume")]
