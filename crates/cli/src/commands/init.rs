@@ -23,9 +23,9 @@ use crate::show::{escape, output};
   mishandle init --check 'python3 my_simulator.py'
 
 A target file comes from the model, and from the metadata that mjlab writes into ONNX models or an
-IO descriptor of Isaac Lab, whose joints are matched by name. Otherwise, actions are the controls
-of the actuators. It is simulated once before it is written, and whatever is not known is a TODO in
-it. docs/guide/policies.md says what is read. --check talks to a simulator as a test suite: description,
+IO descriptor of Isaac Lab, whose joints are matched by name. Otherwise, actions are the controls of
+the actuators. It is simulated once before it is written, and whatever is not known is a TODO in it.
+docs/guide/policies.md says what is read. --check talks to a simulator as a test suite: description,
 bounds of the axes, determinism, seeds, order of the questions, output and end. Exit code 1 means
 that it breaks a rule.")]
 pub struct Arguments {
