@@ -1,11 +1,12 @@
 //! The findings of a search.
 
 use mishandle_results::{
-    AxisFacts, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, Repeats, Trial, Violation,
+    AxisFacts, AxisValues, Cause, Choice, Command, Estimate, Falsification, Key, PhysicsCheck, Repeats,
+    Trial, Violation,
 };
 use mishandle_text::{measured, plural, sample_time};
 
-use super::axes::off_nominal;
+use super::axes::{off_nominal, shown, value_text};
 use super::subject::{settings, tested, varied};
 use super::{Conclusion, LUCK, Verdict, repeats_text, undecided};
 use crate::resolve::{has_scene, nominal_scenario, nominal_values};
@@ -216,6 +217,15 @@ fn is_deterministic(found: &Falsification, trial: &Trial) -> bool {
     !offered.is_random && !values.any(is_drawn)
 }
 
+/// Returns the side of nominal on which the value of an axis is, or its category.
+fn side(axis: &AxisFacts, value: Option<f64>) -> String {
+    match (&axis.values, axis.nominal.zip(value)) {
+        (AxisValues::Categories(_), _) => format!("= {}", value_text(axis, value)),
+        (_, Some((nominal, value))) if value < nominal => "below nominal".to_string(),
+        _ => "above nominal".to_string(),
+    }
+}
+
 /// Counts the failures by their causes, or by their modes.
 fn ways(found: &Falsification) -> String {
     if let Some(modes) = &found.modes {
@@ -228,21 +238,34 @@ fn ways(found: &Falsification) -> String {
             plural(modes.failures, "failure")
         );
     }
-    let mut counts: Vec<(String, usize)> = Vec::new();
+    // A way is a set of axes and their sides, as in a failure mode.
+    let axes = &found.subject.space_axes;
+    let mut counts: Vec<(Vec<(&str, String)>, usize)> = Vec::new();
     for cause in found.trials.iter().filter_map(|trial| trial.cause.as_ref()) {
-        let name = match &cause.axes[..] {
-            [] => "the nominal scenario".to_string(),
-            axes => axes.join(" with "),
-        };
-        match counts.iter_mut().find(|(known, _)| *known == name) {
+        let values = axes.iter().zip(cause.scenario.values().copied());
+        let of_cause = values.filter(|(axis, _)| cause.axes.contains(&axis.name));
+        let way: Vec<(&str, String)> =
+            of_cause.map(|(axis, value)| (axis.name.as_str(), side(axis, value))).collect();
+        match counts.iter_mut().find(|(known, _)| *known == way) {
             Some((_, count)) => *count += 1,
-            None => counts.push((name, 1)),
+            None => counts.push((way, 1)),
         }
     }
     counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
     let all = found.falsified_trials;
+    let names = |way: &[(&str, String)]| way.iter().map(|(name, _)| name.to_string()).collect::<Vec<_>>();
+    let name = |way: &[(&str, String)]| {
+        let has_sides = counts.iter().filter(|(other, _)| names(other) == names(way)).count() > 1;
+        let axis = |(name, side): &(&str, String)| {
+            if has_sides { format!("{} {side}", shown(name)) } else { shown(name) }
+        };
+        match way {
+            [] => "the nominal scenario".to_string(),
+            axes => axes.iter().map(axis).collect::<Vec<_>>().join(" with "),
+        }
+    };
     let named: Vec<String> =
-        counts.iter().take(WAYS).map(|(name, count)| format!("{name} ({count} of {all})")).collect();
+        counts.iter().take(WAYS).map(|(way, count)| format!("{} ({count} of {all})", name(way))).collect();
     match counts.len() {
         0 => String::new(),
         n if n > WAYS => format!("{n}: {} and {} more", named.join(", "), n - WAYS),

@@ -109,3 +109,25 @@ fn a_pipe_has_no_colors() {
     let said = bench.check(QUESTIONS[2].0, 0);
     assert!(!said.contains('\u{1b}'), "{said}");
 }
+
+/// Failures on both sides of nominal are two ways, as they are two modes.
+#[test]
+fn ways_are_counted_by_axes_and_their_sides() {
+    let bench = Bench::new();
+    let question = "falsify toy/sphere-2d --formula 'always(distance <= 0.55)' --trials 12 --search random";
+    let said = unwrapped(&bench.check(question, 1));
+    let document = bench.json(&format!("{question} --json"), 1);
+    let mut counts = std::collections::BTreeMap::new();
+    for cause in document["trials"].as_array().unwrap().iter().map(|trial| &trial["cause"]) {
+        let side =
+            |axis: &str| if cause["scenario"][axis].as_f64().unwrap() < 0.0 { "below" } else { "above" };
+        let axes = cause["axes"].as_array().unwrap().iter().map(|axis| axis.as_str().unwrap());
+        let way: Vec<String> = axes.map(|axis| format!("{axis} {} nominal", side(axis))).collect();
+        *counts.entry(way.join(" with ")).or_insert(0) += 1;
+    }
+    assert!(counts.contains_key("x below nominal") && counts.contains_key("x above nominal"), "{counts:?}");
+    for side in ["below", "above"] {
+        let way = format!("x {side} nominal");
+        assert!(said.contains(&format!("{way} ({} of 12)", counts[&way])), "{counts:?}\n{said}");
+    }
+}
