@@ -36,7 +36,7 @@ const MIXED: usize = 10;
 /// Returns the row with which each run of a clock starts but the first one. NaN is a missing time.
 ///
 /// A run starts where the time goes back and later times pass the end of the last run: see
-/// [`Clock`]. Where the rows are mixed anyway, only a run that starts as the last one did counts.
+/// `Clock`. Where the rows are mixed anyway, only a run that starts as the last one did counts.
 pub fn restarts(secs: &[f64]) -> Vec<usize> {
     let rows: Vec<usize> = (0..secs.len()).filter(|row| !secs[*row].is_nan()).collect();
     let times: Vec<f64> = rows.iter().map(|row| secs[*row]).collect();
