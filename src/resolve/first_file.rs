@@ -57,6 +57,9 @@ pub fn first_target_file(inputs: &FirstInputs<'_>, out: &Path) -> Result<FirstFi
         let expected = "an ONNX model, FILE.onnx, or a Python program, FILE.py";
         return Err(invalid("the policy", policy.display(), expected));
     }
+    if let Some(program) = program {
+        std::fs::metadata(program).map_err(MishandleError::file(program))?;
+    }
     let summary = onnx.map(OnnxSummary::read).transpose()?;
     let facts = match (inputs.descriptor, onnx.zip(summary.as_ref())) {
         (Some(path), _) => {
@@ -84,31 +87,30 @@ pub fn first_target_file(inputs: &FirstInputs<'_>, out: &Path) -> Result<FirstFi
     let sizes = summary.as_ref().map(sizes).unwrap_or_default();
     let file = |measured: Option<&Measured>| first_file(inputs.model, &paths, &facts, sizes, measured);
     let draft = file(None)?;
-    match with_draft(out, &draft.text, measured) {
-        Ok(found) => {
-            let written = file(Some(&found))?;
-            with_draft(out, &written.text, |path| ResolvedPlan::new(&Plan::new(path, "")).map(drop))?;
-            Ok(written)
-        }
-        Err(error) => {
-            let remark = format!("the file does not load yet: {error}");
-            Ok(FirstFile { remarks: draft.remarks.into_iter().chain([remark]).collect(), ..draft })
-        }
-    }
+    let loaded = with_draft(out, &draft.text, measured).and_then(|found| {
+        let written = file(Some(&found)).map_err(|error| error.to_string())?;
+        with_draft(out, &written.text, |path| ResolvedPlan::new(&Plan::new(path, "")).map(drop))?;
+        Ok(written)
+    });
+    Ok(loaded.unwrap_or_else(|error| {
+        let remark = format!("the file does not load yet: {error}");
+        FirstFile { remarks: draft.remarks.into_iter().chain([remark]).collect(), loads: false, ..draft }
+    }))
 }
 
-/// Does `work` with a file of this text beside `out`, which is removed.
+/// Does `work` with a file of this text beside `out`, which is removed. An error names `out`.
 fn with_draft<T>(
     out: &Path,
     text: &str,
     work: impl FnOnce(&str) -> Result<T, MishandleError>,
-) -> Result<T, MishandleError> {
+) -> Result<T, String> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let write = MishandleError::write("draft", out);
-    let file =
-        tempfile::Builder::new().prefix(".draft-").suffix(".toml").tempfile_in(folder).map_err(write)?;
-    std::fs::write(file.path(), text).map_err(write)?;
-    work(&file.path().to_string_lossy())
+    let file = tempfile::Builder::new().prefix(".draft-").suffix(".toml").tempfile_in(folder);
+    let file = file.map_err(|error| error.to_string())?;
+    std::fs::write(file.path(), text).map_err(|error| error.to_string())?;
+    let draft = file.path().to_string_lossy();
+    let named = |said: String| said.replace(&*draft, &out.to_string_lossy());
+    work(&draft).map_err(|error| named(format!("{error}")))
 }
 
 /// Simulates the nominal scenario of a draft. Returns bounds that its two signals keep with a

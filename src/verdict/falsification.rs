@@ -46,9 +46,13 @@ fn is_luck(cause: Option<&Cause>, repeats: Option<&Repeats>) -> bool {
     }
 }
 
-/// Returns the check of the physics of the minimal failure, or of the counterexample.
+/// Returns the check of the physics of the minimal failure, or of a counterexample that was not
+/// moved: what is true of the one need not be true of the other.
 fn physics(trial: &Trial) -> Option<&PhysicsCheck> {
-    trial.cause.as_ref().and_then(|cause| cause.physics.as_ref()).or(trial.physics.as_ref())
+    match &trial.cause {
+        Some(cause) => cause.physics.as_ref(),
+        None => trial.physics.as_ref(),
+    }
 }
 
 fn fails(found: &Falsification, trial: &Trial) -> Verdict {

@@ -281,9 +281,11 @@ fn a_model_alone_gives_a_file_and_a_first_look_at_its_spaces() {
     let seen = bench.run("run robot.toml --out look -k space=delay");
     let table = text(&seen.stdout);
     assert_eq!(seen.status.code(), Some(0), "{table}");
-    for part in
-        ["space  fails     smallest cause", "delay  0 of 100  none in 100 simulations", "margin: robot.toml"]
-    {
+    for part in [
+        "space  fails     cause, toward nominal",
+        "delay  0 of 100  none in 100 simulations",
+        "margin: robot.toml",
+    ] {
         assert!(table.contains(part), "`{part}` is missing:\n{table}");
     }
     let index = std::fs::read_to_string(bench.path("look/pages/index.html")).unwrap();

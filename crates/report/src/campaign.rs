@@ -79,11 +79,18 @@ impl Verdict {
             }
             Some(Answer::Evaluation(found)) => {
                 let rate = &found.metrics.violation_rate;
-                let text = format!("{} of {} scenarios fail", found.metrics.violations, rate.n);
+                let metrics = &found.metrics;
+                let text = format!("{} of {} scenarios fail", metrics.violations, rate.n);
+                let text = with_open(text, metrics.requirement_undecided);
                 Verdict::of_rate(text, rate, found.metrics.simulations)
             }
             Some(Answer::Falsification(found)) => {
                 let text = format!("{} of {} trials falsified", words::falsified(found), found.trials.len());
+                let open = found
+                    .trials
+                    .iter()
+                    .map(|trial| u64::from(trial.diverged + trial.invalid + trial.failed + trial.undecided));
+                let text = with_open(text, open.sum());
                 Verdict::of_rate(text, &found.falsification_rate, found.simulations)
             }
             Some(Answer::Hardening(_)) | None => {
@@ -97,6 +104,11 @@ impl Verdict {
         let interval = rate.low.zip(rate.high).map(|(low, high)| [low, high].map(percent));
         Verdict { text, interval, share: rate.value.or((simulations > 0).then_some(0.0)) }
     }
+}
+
+/// Adds the number of simulations without a verdict, which are neither failures nor successes.
+fn with_open(text: String, open: u64) -> String {
+    if open == 0 { text } else { format!("{text}, {} without a verdict", plural(open, "simulation")) }
 }
 
 impl RunSummary {
@@ -335,6 +347,12 @@ fn headline(runs: &[RunSummary], hardenings: &[HardeningSummary]) -> String {
         1 => Some(format!("1 of {all} has failures.")),
         _ => Some(format!("{failing} of {all} have failures.")),
     };
+    let open = runs.iter().filter(|run| run.simulations > 0 && run.worst.is_none()).count();
+    let of_runs = of_runs.map(|text| match open {
+        0 => text,
+        1 => format!("{text} 1 has no verdict."),
+        _ => format!("{text} {open} have no verdict."),
+    });
     let is_accepted =
         |summary: &&HardeningSummary| summary.found.as_ref().is_some_and(|found| found.after.is_some());
     let accepted = hardenings.iter().filter(is_accepted).count();

@@ -8,6 +8,7 @@ use clap::builder::PossibleValuesParser;
 use mishandle::requirements::{TEMPLATES, template};
 use mishandle::resolve::{FirstInputs, first_target_file};
 use mishandle::results::ProtocolCheck;
+use mishandle_text::shell_path;
 
 use crate::exit_status::ExitStatus;
 use crate::show::{escape, output};
@@ -137,6 +138,8 @@ fn target_file(command: &Arguments) -> Result<ExitStatus> {
     for remark in &file.remarks {
         output::message(&format!("note: {remark}"));
     }
-    output::message(&format!("wrote {0}; next: mishandle run {0}", out.display()));
+    let name = shell_path(out);
+    let next = if file.loads { format!("; next: mishandle run {name}") } else { String::new() };
+    output::message(&format!("wrote {name}{next}"));
     Ok(ExitStatus::Done)
 }

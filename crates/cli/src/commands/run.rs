@@ -65,7 +65,10 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     match (&command.resume, &command.file) {
         (Some(folder), _) if folder.is_dir() => {
             let engine = command.keys.settings("run")?.engine;
-            run_all(command, folder, &engine, &campaign_runs(folder)?, gpu, None)
+            let runs = campaign_runs(folder)?;
+            let text = read_text_bounded(&folder.join("campaign.toml"), limits::PLAN).unwrap_or_default();
+            let look = runs.first().map(|run| FirstLook::resumed(&text, &run.plan)).transpose()?.flatten();
+            run_all(command, folder, &engine, &runs, gpu, look)
         }
         (Some(path), _) => {
             let found = RunFile::open_unchecked(path)?.header().kind;
@@ -122,6 +125,7 @@ fn run_file(command: &Arguments, path: &Path, gpu: Option<&Device>) -> Result<Ex
     );
     // The folder keeps the comments of a file that nothing edits, and no settings of this start.
     let text = if is_edited { plan.to_string() } else { text };
+    let text = if look.is_some() { format!("{}{text}", first_look::MARK) } else { text };
     let runs = create_campaign(&text, &folder).with_context(of_file)?;
     run_all(command, &folder, &settings.engine, &runs, gpu, look)
 }
@@ -211,6 +215,7 @@ fn run_all(
     }
     output::message(&format!("Run files: {name}"));
     if is_first_look && first_look::write_pages(folder)? == ExitStatus::Interrupted {
+        output::message(&format!("Resume with: mishandle run --resume {name}"));
         return Ok(ExitStatus::Interrupted);
     }
     for (run, why) in &stopped {

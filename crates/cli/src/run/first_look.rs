@@ -10,12 +10,16 @@ use mishandle::rollout::Space;
 use mishandle::store::RunKind;
 use mishandle::verdict::verdict;
 use mishandle_report::Samples;
+use mishandle_text::plural;
 use toml::{Table, Value};
 
 use super::{ExitStatus, pages, question};
 use crate::flags::OpenRun;
 use crate::show::output;
 use crate::show::progress::Bar;
+
+/// The first line of the campaign file of a first look.
+pub const MARK: &str = "# a first look at a target file\n";
 
 /// The question about the smallest disturbance.
 const MARGIN: &str = "margin";
@@ -53,15 +57,35 @@ impl FirstLook {
         plan.insert("evaluate".to_string(), table(&[("episodes", SIMULATIONS.into())]));
         let falsify = [("trials", 1.into()), ("budget", SIMULATIONS.into()), ("isolate", true.into())];
         plan.insert("falsify".to_string(), table(&falsify));
+        Ok(FirstLook::with_margin(only, &target.spaces))
+    }
+
+    /// Returns the first look that began a campaign; `None` for another campaign.
+    ///
+    /// # Errors
+    /// If the target cannot be resolved.
+    pub fn resumed(text: &str, plan: &Plan) -> Result<Option<FirstLook>> {
+        if !text.starts_with(MARK) {
+            return Ok(None);
+        }
+        let only = Plan { evaluate: None, falsify: None, ..plan.clone() };
+        let target = mishandle::resolve::target(&only)?;
+        Ok(Some(FirstLook::with_margin(only, &target.spaces)))
+    }
+
+    fn with_margin(only: Plan, spaces: &[Space]) -> FirstLook {
         let margin = MarginPlan { budget: 3 * SIMULATIONS as u64, ..MarginPlan::default() };
-        let joined = target.spaces.iter().map(Space::name).find(|name| *name == DISTURBANCE);
+        let joined = spaces.iter().map(Space::name).find(|name| *name == DISTURBANCE);
         let space = joined.unwrap_or_default().to_string();
-        Ok(FirstLook { margin: Plan { margin: Some(margin), space, ..only } })
+        FirstLook { margin: Plan { margin: Some(margin), space, ..only } }
     }
 
     /// Searches for the smallest disturbance, with a run file in the folder of the campaign.
     pub fn margin(&self, folder: &Path) -> Result<CampaignRun> {
-        let file = OpenRun { out: Some(folder.join("margin.sqlite")), resume: None };
+        let path = folder.join("margin.sqlite");
+        let is_begun = path.exists();
+        let [out, resume] = if is_begun { [None, Some(path)] } else { [Some(path), None] };
+        let file = OpenRun { out, resume };
         let plan = || Ok((self.margin.clone(), Settings::default()));
         let asked = question::ask(RunKind::Margin, &[], &file, None, plan)?;
         Ok(CampaignRun { name: MARGIN.to_string(), kind: MARGIN.to_string(), result: asked.answer })
@@ -70,16 +94,18 @@ impl FirstLook {
 
 /// Returns a row for each space: how many of its random scenarios fail, and how little is enough.
 pub fn text(found: &Campaign) -> String {
-    let mut rows = vec![["space", "fails", "smallest cause"].map(String::from).to_vec()];
+    let mut rows = vec![["space", "fails", "cause, toward nominal"].map(String::from).to_vec()];
     for run in &found.runs {
         let Answer::Evaluation(evaluation) = &run.result else { continue };
         let space = &evaluation.subject.space;
         let is_search = |answer: &&Answer| matches!(answer, Answer::Falsification(found) if found.subject.space == *space);
         let search = found.runs.iter().map(|run| &run.result).find(is_search);
-        let rate = &evaluation.metrics.success_rate;
-        let fails = match rate.value {
-            Some(value) => format!("{:.0} of {}", (1.0 - value) * rate.n as f64, rate.n),
-            None => "no verdict".to_string(),
+        let metrics = &evaluation.metrics;
+        let started = metrics.simulations - metrics.invalid_starts;
+        let fails = format!("{} of {started}", metrics.violations);
+        let fails = match metrics.requirement_undecided {
+            0 => fails,
+            open => format!("{fails}, {open} open"),
         };
         rows.push(vec![space.clone(), fails, search.map_or(String::new(), cause)]);
     }
@@ -109,7 +135,15 @@ fn cause(answer: &Answer) -> String {
     match (fact, answer) {
         (Some(fact), _) => fact.text,
         (None, Answer::Falsification(found)) => {
-            format!("none in {} simulations of a search", found.simulations)
+            let open = found
+                .trials
+                .iter()
+                .map(|trial| u64::from(trial.diverged + trial.invalid + trial.failed + trial.undecided));
+            let open = match open.sum() {
+                0 => String::new(),
+                open => format!(", {} without a verdict", plural(open, "simulation")),
+            };
+            format!("none in {} simulations of a search{open}", found.simulations)
         }
         (None, _) => String::new(),
     }

@@ -15,6 +15,9 @@ use crate::pattern::names;
 /// Angular frequency of the law that holds a joint, rad/s: slow enough for a control step of 20 ms.
 const FREQUENCY: f64 = 10.0;
 
+/// Largest number of joints that the law holds: an expression has a limited length.
+const LAWS: usize = 30;
+
 /// Numbers of a row of MuJoCo's gains and biases of actuators, and of gears.
 const GAINS: usize = 10;
 const GEARS: usize = 6;
@@ -122,7 +125,15 @@ impl Writer<'_> {
                 let laws: Vec<String> = if model.actuators() == 0 {
                     self.robot.joints.iter().map(|joint| joint.default.to_string()).collect()
                 } else {
-                    (0..count).map(|index| self.law(hold(model, index))).collect()
+                    let mut laws = 0;
+                    let law = |index| match hold(model, index) {
+                        Hold::Joint { .. } if laws == LAWS => "0".to_string(),
+                        held => {
+                            laws += usize::from(matches!(held, Hold::Joint { .. }));
+                            self.law(held)
+                        }
+                    };
+                    (0..count).map(law).collect()
                 };
                 self.line(format!("expression = \"\"\"[\n  {}\n]\"\"\"", laws.join(",\n  ")));
             }

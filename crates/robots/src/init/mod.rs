@@ -32,6 +32,8 @@ pub struct FirstFile {
     pub unknown: Vec<String>,
     /// Values that differ between the model and the policy, and other remarks.
     pub remarks: Vec<String>,
+    /// Whether nothing is known to be wrong with it.
+    pub loads: bool,
 }
 
 /// Where the actions of a first target file come from.

@@ -195,13 +195,7 @@ fn moved_joints(
             facts.observed_joints.clone()
         }
     } else {
-        unknown.push("which joints the actions move, and in which order: here that of the model".to_string());
-        let moves = |joint: &usize| matches!(model.joint_kind(*joint), JointKind::Hinge | JointKind::Slide);
-        if of_actuators.is_empty() {
-            (0..model.joint_count()).filter(moves).map(|joint| known[joint].clone()).collect()
-        } else {
-            of_actuators
-        }
+        Vec::new()
     };
     if names.iter().any(String::is_empty) {
         let source = if facts.source.is_empty() { "the model" } else { &facts.source };

@@ -66,7 +66,8 @@ pub(crate) fn file(
         }
     }
     let head = writer.head(&paths.name);
-    Ok(FirstFile { text: head + &writer.text, unknown: writer.unknown, remarks: writer.remarks })
+    let Writer { text, unknown, remarks, .. } = writer;
+    Ok(FirstFile { text: head + &text, unknown, remarks, loads: true })
 }
 
 /// A part of the observation with its line in the file.
