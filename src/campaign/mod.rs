@@ -14,7 +14,7 @@ use crate::resolve::{ResolvedPlan, is_path, is_target_file, recorded_plan};
 use crate::run::{Device, Opening, create_run, shares_arm};
 
 /// File of a campaign's folder that contains the campaign.
-const CAMPAIGN_FILE: &str = "campaign.toml";
+pub const CAMPAIGN_FILE: &str = "campaign.toml";
 
 /// Why a file does not belong to a run.
 const OTHER_PLAN: &str =

@@ -86,11 +86,7 @@ impl Verdict {
             }
             Some(Answer::Falsification(found)) => {
                 let text = format!("{} of {} trials falsified", words::falsified(found), found.trials.len());
-                let open = found
-                    .trials
-                    .iter()
-                    .map(|trial| u64::from(trial.diverged + trial.invalid + trial.failed + trial.undecided));
-                let text = with_open(text, open.sum());
+                let text = with_open(text, found.simulations_without_verdict());
                 Verdict::of_rate(text, &found.falsification_rate, found.simulations)
             }
             Some(Answer::Hardening(_)) | None => {

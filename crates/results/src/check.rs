@@ -226,7 +226,7 @@ impl CheckCell {
 
 impl Check {
     /// Returns what found a counterexample: `a random scenario`, or the search for a requirement.
-    /// Only random scenarios count in a rate. `None` if no run is that of the counterexample.
+    /// Only random scenarios count in a rate. `None` if no run has the counterexample.
     pub fn found_by(&self, counterexample: &CheckCounterexample) -> Option<String> {
         let mut runs = self.controllers.iter().flat_map(|controller| &controller.runs);
         let run = runs.find(|run| run.run == counterexample.run)?;

@@ -91,6 +91,14 @@ words! {
     }
 }
 
+impl Falsification {
+    /// Returns the number of simulations without a verdict, with the ones that could not start.
+    pub fn simulations_without_verdict(&self) -> u64 {
+        let of = |trial: &Trial| trial.diverged + trial.invalid + trial.failed + trial.undecided;
+        self.trials.iter().map(|trial| u64::from(of(trial))).sum()
+    }
+}
+
 /// A trial: one search with its own random seed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -35,16 +35,9 @@ pub struct Finding {
     pub value: String,
 }
 
-/// Returns whether the run has the table.
-fn exists(file: &RunFile) -> Result<bool> {
-    let sql = "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = 'finding'";
-    let count: i64 = file.database.sql().query_row(sql, [], |row| row.get(0)).in_file(&file.path)?;
-    Ok(count > 0)
-}
-
 /// Writes findings; each replaces an earlier one of its kind.
 pub(crate) fn insert(file: &RunFile, findings: &[Finding]) -> Result<()> {
-    if !exists(file)? {
+    if !file.has_table("finding")? {
         file.database.sql().execute(TABLE, []).in_file(&file.path)?;
     }
     let sql =
@@ -59,7 +52,7 @@ pub(crate) fn insert(file: &RunFile, findings: &[Finding]) -> Result<()> {
 
 /// Checks the hashes of all findings.
 pub(crate) fn check(file: &RunFile) -> Result<()> {
-    if !exists(file)? {
+    if !file.has_table("finding")? {
         return Ok(());
     }
     let sql = "SELECT trial, number, kind, value, row_hash FROM finding";
@@ -102,7 +95,7 @@ impl RunFile {
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn finding(&self, trial: u32, number: u32, kind: &str) -> Result<Option<String>> {
-        if !exists(self)? {
+        if !self.has_table("finding")? {
             return Ok(None);
         }
         let sql = "SELECT value, row_hash FROM finding WHERE trial = ?1 AND number = ?2 AND kind = ?3";

@@ -24,16 +24,9 @@ pub(crate) const TABLE: &str = "CREATE TABLE memory (
 /// Largest length of a memory, bytes.
 const MAX_BYTES: usize = 1 << 24;
 
-/// Returns whether the run has the table.
-fn exists(file: &RunFile) -> Result<bool> {
-    let sql = "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = 'memory'";
-    let count: i64 = file.database.sql().query_row(sql, [], |row| row.get(0)).in_file(&file.path)?;
-    Ok(count > 0)
-}
-
 /// Writes the memory of a simulation.
 pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, memory: &[f64]) -> Result<()> {
-    if !exists(file)? {
+    if !file.has_table("memory")? {
         file.database.sql().execute(TABLE, []).in_file(&file.path)?;
     }
     let numbers: Vec<u8> = memory.iter().flat_map(|value| value.to_le_bytes()).collect();
@@ -45,7 +38,7 @@ pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, memory: &[f64]) ->
 
 /// Checks the hashes of all memories.
 pub(crate) fn check(file: &RunFile) -> Result<()> {
-    if !exists(file)? {
+    if !file.has_table("memory")? {
         return Ok(());
     }
     let select = |connection: &Connection| {
@@ -85,7 +78,7 @@ impl RunFile {
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn memory(&self, trial: u32, number: u32) -> Result<Option<Vec<f64>>> {
-        if !exists(self)? {
+        if !self.has_table("memory")? {
             return Ok(None);
         }
         let sql = "SELECT numbers, row_hash FROM memory WHERE trial = ?1 AND number = ?2";

@@ -40,13 +40,6 @@ pub struct EndReasons {
     pub reason: String,
 }
 
-/// Returns whether the run has the table.
-fn exists(file: &RunFile) -> Result<bool> {
-    let sql = "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = 'reason'";
-    let count: i64 = file.database.sql().query_row(sql, [], |row| row.get(0)).in_file(&file.path)?;
-    Ok(count > 0)
-}
-
 /// Writes the reason of a simulation that has one.
 pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, reason: &str) -> Result<()> {
     if reason.is_empty() {
@@ -55,7 +48,7 @@ pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, reason: &str) -> R
     // SQLite ends a text at a NUL for its tools.
     let text = reason.replace('\0', "\u{fffd}");
     let text = &text[..text.floor_char_boundary(MAX_BYTES)];
-    if !exists(file)? {
+    if !file.has_table("reason")? {
         file.database.sql().execute(TABLE, []).in_file(&file.path)?;
     }
     let sql = "INSERT INTO reason (trial, number, text, row_hash) VALUES (?1, ?2, ?3, ?4)";
@@ -66,7 +59,7 @@ pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, reason: &str) -> R
 
 /// Reads the reason of a simulation; empty if it has none.
 pub(crate) fn read(file: &RunFile, trial: u32, number: u32) -> Result<String> {
-    if !exists(file)? {
+    if !file.has_table("reason")? {
         return Ok(String::new());
     }
     let sql = "SELECT text, row_hash FROM reason WHERE trial = ?1 AND number = ?2";
@@ -80,7 +73,7 @@ pub(crate) fn read(file: &RunFile, trial: u32, number: u32) -> Result<String> {
 
 /// Checks the hashes of all reasons.
 pub(crate) fn check(file: &RunFile) -> Result<()> {
-    if !exists(file)? {
+    if !file.has_table("reason")? {
         return Ok(());
     }
     let sql = "SELECT trial, number, text, row_hash FROM reason";
@@ -116,7 +109,7 @@ impl RunFile {
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn reasons(&self) -> Result<Vec<EndReasons>> {
-        if !exists(self)? {
+        if !self.has_table("reason")? {
             return Ok(Vec::new());
         }
         let sql = format!(

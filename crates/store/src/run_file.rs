@@ -320,6 +320,13 @@ impl RunFile {
         }
     }
 
+    /// Returns whether the run has a table that not every run has.
+    pub(crate) fn has_table(&self, name: &str) -> Result<bool> {
+        let sql = "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = ?1";
+        let count: i64 = self.database.sql().query_row(sql, [name], |row| row.get(0)).in_file(&self.path)?;
+        Ok(count > 0)
+    }
+
     /// Checks that all rows that other rows refer to exist.
     pub(crate) fn check_references(&self) -> Result<()> {
         let sql = "SELECT \"table\", \"parent\" FROM pragma_foreign_key_check";

@@ -3,7 +3,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
+use mishandle::campaign::{CAMPAIGN_FILE, CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::plan::{EngineSettings, GridRun, Settings, Values, grid};
 use mishandle::results::Campaign;
@@ -66,7 +66,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         (Some(folder), _) if folder.is_dir() => {
             let engine = command.keys.settings("run")?.engine;
             let runs = campaign_runs(folder)?;
-            let text = read_text_bounded(&folder.join("campaign.toml"), limits::PLAN).unwrap_or_default();
+            let text = read_text_bounded(&folder.join(CAMPAIGN_FILE), limits::PLAN).unwrap_or_default();
             let look = runs.first().map(|run| FirstLook::resumed(&text, &run.plan)).transpose()?.flatten();
             run_all(command, folder, &engine, &runs, gpu, look)
         }

@@ -33,7 +33,7 @@ const DISTURBANCE: &str = "disturbance";
 /// Spaces that are left out: one joins others, the axes of the other are random draws.
 const LEFT_OUT: [&str; 2] = [DISTURBANCE, "noise"];
 
-/// The simulations of the pages of a first look: those of the pictures alone.
+/// The simulations of the pages of a first look: the pictures alone need some.
 const SAMPLES: Samples = Samples { probes: 0, sensitivity: 0, repeats: 0 };
 
 /// The question of a first look besides the runs of its campaign.
@@ -83,8 +83,8 @@ impl FirstLook {
     /// Searches for the smallest disturbance, with a run file in the folder of the campaign.
     pub fn margin(&self, folder: &Path) -> Result<CampaignRun> {
         let path = folder.join("margin.sqlite");
-        let is_begun = path.exists();
-        let [out, resume] = if is_begun { [None, Some(path)] } else { [Some(path), None] };
+        let has_margin = path.exists();
+        let [out, resume] = if has_margin { [None, Some(path)] } else { [Some(path), None] };
         let file = OpenRun { out, resume };
         let plan = || Ok((self.margin.clone(), Settings::default()));
         let asked = question::ask(RunKind::Margin, &[], &file, None, plan)?;
@@ -105,7 +105,7 @@ pub fn text(found: &Campaign) -> String {
         let fails = format!("{} of {started}", metrics.violations);
         let fails = match metrics.requirement_undecided {
             0 => fails,
-            open => format!("{fails}, {open} open"),
+            open => format!("{fails}, {open} no verdict"),
         };
         rows.push(vec![space.clone(), fails, search.map_or(String::new(), cause)]);
     }
@@ -135,11 +135,7 @@ fn cause(answer: &Answer) -> String {
     match (fact, answer) {
         (Some(fact), _) => fact.text,
         (None, Answer::Falsification(found)) => {
-            let open = found
-                .trials
-                .iter()
-                .map(|trial| u64::from(trial.diverged + trial.invalid + trial.failed + trial.undecided));
-            let open = match open.sum() {
+            let open = match found.simulations_without_verdict() {
                 0 => String::new(),
                 open => format!(", {} without a verdict", plural(open, "simulation")),
             };

@@ -101,12 +101,12 @@ fn of_toml(path: &Path) -> PathKind {
     }
 }
 
-/// Returns whether a table is that of a target file rather than of a plan: no plan has these keys.
+/// Returns whether a table is a target file rather than a plan: no plan has these keys.
 pub fn is_target(table: &Table) -> bool {
     table.contains_key("process") || table.contains_key("model")
 }
 
-/// Returns whether a table is that of a file of requirements.
+/// Returns whether a table is a file of requirements.
 pub fn has_requirements(table: &Table) -> bool {
     table.contains_key("requirement")
 }

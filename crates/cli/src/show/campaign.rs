@@ -97,8 +97,6 @@ fn hardening_cells(found: &Hardening) -> Vec<String> {
 fn falsification_cells(found: &Falsification) -> Vec<String> {
     let minima = found.trials.iter().filter_map(|trial| trial.minimum_robustness).map(|minimum| minimum.0);
     let minimum = minima.reduce(f64::min);
-    let counts =
-        found.trials.iter().map(|trial| trial.diverged + trial.invalid + trial.failed + trial.undecided);
     vec![
         match found.falsification_rate.value {
             Some(_) => format!("{} of {}", found.falsified_trials, found.falsification_rate.n),
@@ -108,7 +106,7 @@ fn falsification_cells(found: &Falsification) -> Vec<String> {
         interval(&found.falsification_rate),
         found.mean_simulations.map_or("-".to_string(), |mean| format!("{mean:.1}")),
         minimum.map_or("-".to_string(), |minimum| decimal(minimum, 4)),
-        counts.map(u64::from).sum::<u64>().to_string(),
+        found.simulations_without_verdict().to_string(),
     ]
 }
 
